@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from mm_gym import compile_scene
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -76,23 +76,27 @@ class Physics:
         lane = support.low
         kinds = {part.kind: part for part in scene.excitation}
         sampled = [part for kind, part in kinds.items() if kind not in ("harmonic", "impulse")]
-        kinetic = float(lane[at.MU2] * lane[at.FN])
+        kinetic = float(lane[layout.MU2] * lane[layout.FN])
         return cls(
-            1.0 / lane[at.M1],
-            1.0 / lane[at.M2],
-            float(lane[at.K1] * lane[at.ALPHA]),
-            float(lane[at.K1] * lane[at.BETA]),
-            float(lane[at.MU1] * lane[at.FN] / lane[at.VR] if support.slips else lane[at.C]),
-            float(lane[at.D]),
-            float(lane[at.K0]),
-            float(lane[at.L0]),
-            (float(lane[at.VR]), kinetic, float(lane[at.CHI])),
+            1.0 / lane[layout.M1],
+            1.0 / lane[layout.M2],
+            float(lane[layout.K1] * lane[layout.ALPHA]),
+            float(lane[layout.K1] * lane[layout.BETA]),
+            float(
+                lane[layout.MU1] * lane[layout.FN] / lane[layout.VR]
+                if support.slips
+                else lane[layout.C]
+            ),
+            float(lane[layout.D]),
+            float(lane[layout.K0]),
+            float(lane[layout.L0]),
+            (float(lane[layout.VR]), kinetic, float(lane[layout.CHI])),
             support.sample_interval,
             "harmonic" in kinds,
             bool(sampled),
             any(getattr(part, "target", "ground") == "ground" for part in sampled),
             "impulse" in kinds,
-            bool(support.low[at.M1] < support.high[at.M1]),
+            bool(support.low[layout.M1] < support.high[layout.M1]),
         )
 
 

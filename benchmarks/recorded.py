@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym import compile_scene
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import blank, run
 
@@ -85,9 +85,11 @@ def record(scene: Scene, actions: NDArray[np.float32]) -> Recorded:
         one = blank(plant, lanes.values[:, 0].copy(), steps)
         run(lanes, commands[:, i].copy(), one)
         start[:, i], end[:, i], applied[:, :, i] = one.states[0], one.states[-1], one.applied
-        by_m1[i] = 1.0 / one.parameters[at.M1]
+        by_m1[i] = 1.0 / one.parameters[layout.M1]
         if plant.support.ground:
-            rows = [at.HARMONICS + row for row in (at.AMPLITUDE, at.FREQUENCY, at.PHASE)]
+            rows = [
+                layout.HARMONICS + row for row in (layout.AMPLITUDE, layout.FREQUENCY, layout.PHASE)
+            ]
             harmonic[:, i] = one.parameters[rows]
         if terms:
             jets = one.jets.reshape(n, 2, terms)

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.report import table, three_digits
 from benchmarks.timing import side_by_side
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene, load_scene
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.tasks import ids
 
@@ -168,7 +168,7 @@ def _step_of_ages(scene: Scene, steps: int, mode: str, *, copy: bool) -> Callabl
     env.reset(seed=0)
     state = env.get_state()
     values = np.array(state["values"])
-    values[at.NOW] = np.random.default_rng(0).integers(0, PERIOD, LANES)
+    values[layout.NOW] = np.random.default_rng(0).integers(0, PERIOD, LANES)
     env.set_state(state | {"values": values})
     actions = _actions(env)
     return lambda: env.step(next(actions))

@@ -14,7 +14,7 @@ from gymnasium.error import DependencyNotInstalled
 
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.errors import SceneError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.sensitivity import Outputs, Sensitivities
 
 try:
@@ -240,7 +240,7 @@ class Episodes:
         if not first:
             return self._measured[0]
         lanes: Any = self.env.get_state()["values"]
-        delays, ages = (_tensor(lanes[first + row]) for row in (at.DELAY, at.AGE))
+        delays, ages = (_tensor(lanes[first + row]) for row in (layout.DELAY, layout.AGE))
         places = len(self._measured) - 1 - delays.long()
         arriving = torch.stack(self._measured)[places, torch.arange(len(places))]
         return torch.where((ages > delays)[:, None], self._received[-1], arriving)

@@ -12,7 +12,7 @@ import numpy as np
 from mm_gym.analysis.asymptotes_kernel import final_offsets, sticks_throughout
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, SimulationError, refuse
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 from mm_gym.law.carriage_spring import carriage_energy, carriage_force
 from mm_gym.plant.compile import compile_scene
@@ -45,7 +45,7 @@ class Spring(NamedTuple):
     @classmethod
     def of(cls, p: Array) -> Spring:
         """Return the spring of a lane (rows,)."""
-        return cls(float(p[at.K1]), float(p[at.ALPHA]), float(p[at.BETA]))
+        return cls(float(p[layout.K1]), float(p[layout.ALPHA]), float(p[layout.BETA]))
 
     @property
     def place(self) -> float:
@@ -136,7 +136,7 @@ def row_of(scene: Scene, what: str) -> Array:
         )
         raise SceneError(msg)
     row = support.start_low.copy()
-    row[at.X2] += row[at.X1]
+    row[layout.X2] += row[layout.X1]
     plain(dry_friction.write_regimes)(row[:, None], 0, 1)
     return row
 
@@ -197,15 +197,17 @@ def bifurcation(
     low = scene.replace(**{parameter: float(points.min())})
     scene.replace(**{parameter: float(points.max())})
     lanes = np.repeat(row_of(low, "bifurcation")[:, None], points.size, axis=1)
-    offset = lanes[at.X2] - lanes[at.X1]
+    offset = lanes[layout.X2] - lanes[layout.X1]
     row = support_of(low).row_of(parameter)
-    if row == at.X2:
+    if row == layout.X2:
         offset = points
     else:
         lanes[row] = points
-    lanes[at.X2] = lanes[at.X1] + offset
+    lanes[layout.X2] = lanes[layout.X1] + offset
     if parameter == "sphere.mass" and scene.interface.kind == "dry_friction":
-        lanes[at.FN] = points * GRAVITY if scene.interface.normal_force is None else lanes[at.FN]
+        lanes[layout.FN] = (
+            points * GRAVITY if scene.interface.normal_force is None else lanes[layout.FN]
+        )
     dry_friction.write_regimes(lanes, 0, points.size)
 
     def scene_of(index: int) -> Scene:
@@ -239,9 +241,9 @@ def _offsets(
         report(lanes.shape[1])
         return offsets
     offsets = np.empty(lanes.shape[1])
-    for lane in lanes[:, (lanes[at.ALPHA] < 0.0) | (lanes[at.BETA] < 0.0)].T:
+    for lane in lanes[:, (lanes[layout.ALPHA] < 0.0) | (lanes[layout.BETA] < 0.0)].T:
         _refuse_without_well(lane)
-    nonlinear = np.any(lanes[at.BETA] != 0.0) or np.any(lanes[at.L0] > 0.0)
+    nonlinear = np.any(lanes[layout.BETA] != 0.0) or np.any(lanes[layout.L0] > 0.0)
     ends = np.minimum(np.arange(0, offsets.size, CHUNK) + CHUNK, offsets.size)
 
     def work(last: int) -> int:
@@ -250,12 +252,12 @@ def _offsets(
             return cast("int", final_offsets(lanes, first, last, offsets))
         for i in range(first, last):
             offsets[i] = _follow(scene_of(i))
-        return at.OK
+        return layout.OK
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the kernels release the interpreter's lock
         for size, status in zip(np.diff(ends, prepend=0), pool.map(work, ends), strict=True):
             report(int(size))
-            if status > at.ENDED:
+            if status > layout.ENDED:
                 raise SimulationError(TOO_LONG)
     return offsets
 
@@ -268,7 +270,7 @@ def _refuse_driven(scene: Scene) -> None:
 
 def _refuse_without_well(p: Array) -> None:
     if not Spring.of(p).has_well:
-        got = f"{p[at.ALPHA]} with cubic_coefficient = {p[at.BETA]}"
+        got = f"{p[layout.ALPHA]} with cubic_coefficient = {p[layout.BETA]}"
         where = "where the carriage has no stable equilibrium"
         refuse("carriage.linear_coefficient", f"{got}, {where}", "one of them greater than 0")
 
@@ -276,20 +278,20 @@ def _refuse_without_well(p: Array) -> None:
 def _from_first_integral(p: Array, index: int, scene_of: Callable[[int], Scene]) -> float:
     """Return the asymptotic offset [m] of a lane (rows,) without dry friction."""
     x1, x2, _, v2 = p[:4]
-    c, d, spring = p[at.C], p[at.D], Spring.of(p)
-    still = x1 == 0.0 and p[at.V1] == 0.0
+    c, d, spring = p[layout.C], p[layout.D], Spring.of(p)
+    still = x1 == 0.0 and p[layout.V1] == 0.0
     resting = still and x2 == 0.0 and v2 == 0.0
     if min(spring.alpha, spring.beta) < 0.0 and not resting and not (still and c == 0.0):
         _refuse_without_well(p)
         if spring.beta < 0.0 < c + d and not _is_held(p, p[:4]):
             _first_state(scene_of(index), _is_held)  # or it escapes
-    if p[at.K0] > 0.0:
+    if p[layout.K0] > 0.0:
         if c + d > 0.0 or (still and x2 == 0.0 and v2 == 0.0):
             return 0.0
         msg = "carriage.damping: got 0, and the interface has no damping: the motion never settles"
         raise SceneError(msg)
     if c > 0.0:
-        return float(x2 - x1 + p[at.M2] * v2 / c)
+        return float(x2 - x1 + p[layout.M2] * v2 / c)
     if v2 != 0.0:
         msg = f"initial.sphere_velocity: got {v2}; a free sphere that moves never stops"
         raise SceneError(msg)
@@ -304,13 +306,15 @@ def _from_first_integral(p: Array, index: int, scene_of: Callable[[int], Scene])
 def _rest(p: Array, spring: Spring, scene: Scene | None) -> float:
     """Return where a damped carriage under a free sphere comes to rest [m]."""
     if spring.alpha == spring.beta == 0.0:
-        return float(p[at.X1] + p[at.M1] * p[at.V1] / p[at.D])  # d x1 + m1 v1 is constant
+        return float(
+            p[layout.X1] + p[layout.M1] * p[layout.V1] / p[layout.D]
+        )  # d x1 + m1 v1 is constant
     if scene is None:
         return 0.0
 
     def has_chosen(p: Array, state: Array) -> bool:
         x1, _, v1, _ = state
-        return bool(0.5 * p[at.M1] * v1**2 + spring.energy(x1) < 0.0)  # below the middle
+        return bool(0.5 * p[layout.M1] * v1**2 + spring.energy(x1) < 0.0)  # below the middle
 
     return math.copysign(spring.place, _first_state(scene, has_chosen)[1][0])
 
@@ -321,7 +325,7 @@ def _is_held(p: Array, state: Array) -> bool:
 
 
 def _energy(p: Array, state: Array) -> float:
-    return float(mechanical_energy(p, state[None], np.array([p[at.STRETCH]]))[0])
+    return float(mechanical_energy(p, state[None], np.array([p[layout.STRETCH]]))[0])
 
 
 def _first_state(scene: Scene, holds: Callable[[Array, Array], bool]) -> tuple[Array, Array]:
@@ -341,12 +345,12 @@ def _follow(scene: Scene) -> float:
     """Return the asymptotic offset [m] of a nonlinear motion with friction, by simulation."""
     p, state = _first_state(scene, _sticks_for_good)
     x1, x2, _, v2 = state
-    return 0.0 if p[at.K0] > 0.0 else float(x2 - x1 + p[at.M2] * v2 / p[at.C])
+    return 0.0 if p[layout.K0] > 0.0 else float(x2 - x1 + p[layout.M2] * v2 / p[layout.C])
 
 
 def _sticks_for_good(p: Array, state: Array) -> bool:
     """Tell whether the energy left is too little to slip; see `stays_slower`."""
-    m1, m2, vr, spring = p[at.M1], p[at.M2], p[at.VR], Spring.of(p)
+    m1, m2, vr, spring = p[layout.M1], p[layout.M2], p[layout.VR], Spring.of(p)
     reduced, energy = m1 * m2 / (m1 + m2), _energy(p, state)
     if not spring.holds(float(state[0]), energy):
         return False
@@ -355,10 +359,10 @@ def _sticks_for_good(p: Array, state: Array) -> bool:
     twice = 2.0 * max(0.0, energy - spring.least_energy)
     if np.sqrt(twice) <= vr * np.sqrt(reduced):
         return True
-    if p[at.K0] > 0.0 or abs(state[3] - state[2]) > vr:
+    if p[layout.K0] > 0.0 or abs(state[3] - state[2]) > vr:
         return False
-    drive = spring.largest_force(energy) / m1 + p[at.D] / m1 * np.sqrt(twice / (m1 + m2))
-    rate = p[at.C] / reduced + p[at.D] * m2 / (m1 * (m1 + m2))
+    drive = spring.largest_force(energy) / m1 + p[layout.D] / m1 * np.sqrt(twice / (m1 + m2))
+    rate = p[layout.C] / reduced + p[layout.D] * m2 / (m1 * (m1 + m2))
     return bool(drive <= rate * vr)
 
 
@@ -437,10 +441,10 @@ def _rounded_up(row: Array, velocity: float) -> float:
 def _sticks(row: Array, velocity: float) -> bool:
     """Tell whether the motion never slips with a reference velocity."""
     lane = row.copy()
-    lane[at.VR] = velocity
-    lane[at.C] = plain(dry_friction.stick_slope)(lane[at.MU1], lane[at.FN], velocity)
+    lane[layout.VR] = velocity
+    lane[layout.C] = plain(dry_friction.stick_slope)(lane[layout.MU1], lane[layout.FN], velocity)
     sticks, status = cast("tuple[bool, int]", sticks_throughout(lane))
-    if status > at.ENDED:
+    if status > layout.ENDED:
         msg = "critical_reference_velocity: the motion decays too slowly for its fastest rate"
         raise SimulationError(msg)
     return sticks
@@ -448,8 +452,8 @@ def _sticks(row: Array, velocity: float) -> bool:
 
 def _fastest_by_energy(row: Array) -> float:
     """Return the slip velocity [m/s] of a motion with all its energy in it, sqrt(2 E / m_r)."""
-    m1, m2 = cast("float", piecewise.carriage_mass(row)), row[at.M2]
-    k2 = cast("float", springs.stiffness(row[at.K0], row[at.STRETCH]))
+    m1, m2 = cast("float", piecewise.carriage_mass(row)), row[layout.M2]
+    k2 = cast("float", springs.stiffness(row[layout.K0], row[layout.STRETCH]))
     z = piecewise.start(row, row[:4], 0.0, 0, 0.0, row[:0])
     root = cast("float", piecewise.energy_root(row, k2, z))
     return float(root * np.sqrt((m1 + m2) / m1 / m2))

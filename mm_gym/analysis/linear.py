@@ -10,7 +10,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 from mm_gym.plant.linearise import interface_slopes
 from mm_gym.plant.support_of import support_of
@@ -40,16 +40,16 @@ def linear_values(scene: Scene) -> Linear:
     """Return the coefficients: the middle of each range, friction with its slope in stick."""
     support = support_of(scene)
     p = support.middle
-    p[at.X1 : at.V2 + 1] = 0.0
+    p[layout.X1 : layout.V2 + 1] = 0.0
     plain(dry_friction.write_regimes)(p[:, None], 0, 1)
     link = interface_slopes(support, p)
     return Linear(
-        m1=float(p[at.M1]),
-        m2=float(p[at.M2]),
-        k1=float(p[at.K1] * p[at.ALPHA]),
-        k2=float(plain(springs.stiffness)(p[at.K0], p[at.STRETCH])) + link.stiffness,
-        c=float(p[at.C]) + link.damping,
-        d=float(p[at.D]),
+        m1=float(p[layout.M1]),
+        m2=float(p[layout.M2]),
+        k1=float(p[layout.K1] * p[layout.ALPHA]),
+        k2=float(plain(springs.stiffness)(p[layout.K0], p[layout.STRETCH])) + link.stiffness,
+        c=float(p[layout.C]) + link.damping,
+        d=float(p[layout.D]),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from mm_gym.errors import check_name
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -41,11 +41,11 @@ def observation_space(plant: Plant) -> Box:
 
 def _bounds(plant: Plant, channel: Observed) -> tuple[float, float]:
     """Return the least and largest value of a channel as it is shown; infinite if not known."""
-    limit = plant.task[at.FORCE_LIMIT]
+    limit = plant.task[layout.FORCE_LIMIT]
     reached = {
-        at.FORCE: (-limit, limit),
-        at.STRETCH: (plant.support.low[at.STRETCH], plant.support.high[at.STRETCH]),
-        at.DAMPING: (plant.support.low[at.DAMPING], plant.support.high[at.DAMPING]),
+        layout.FORCE: (-limit, limit),
+        layout.STRETCH: (plant.support.low[layout.STRETCH], plant.support.high[layout.STRETCH]),
+        layout.DAMPING: (plant.support.low[layout.DAMPING], plant.support.high[layout.DAMPING]),
     }
     low, high = reached.get(CHANNELS[channel.name].row, (-np.inf, np.inf))
     # A constant would make a box that cannot be scaled.
@@ -78,9 +78,9 @@ TERMS = ("reward_displacement", "reward_velocity", "reward_effort", "reward_stro
 """Terms of the reward, which is their sum."""
 
 REACTIONS = {
-    "reward_carriage_acceleration": at.WEIGHT_CARRIAGE_ACCELERATION,
-    "reward_sphere_acceleration": at.WEIGHT_SPHERE_ACCELERATION,
-    "reward_coupling_force": at.WEIGHT_COUPLING_FORCE,
+    "reward_carriage_acceleration": layout.WEIGHT_CARRIAGE_ACCELERATION,
+    "reward_sphere_acceleration": layout.WEIGHT_SPHERE_ACCELERATION,
+    "reward_coupling_force": layout.WEIGHT_COUPLING_FORCE,
 }
 """Further terms, each of a scene that has its weight, and the weight's slot."""
 
@@ -104,9 +104,14 @@ class Terms:
         self._reactions = {name: task[slot] for name, slot in REACTIONS.items() if task[slot] > 0.0}
         self.names = (OWN,) if own else (*TERMS, *self._reactions)
         self._weights = task[
-            [at.WEIGHT_DISPLACEMENT, at.WEIGHT_VELOCITY, at.WEIGHT_EFFORT, at.WEIGHT_STROKE]
+            [
+                layout.WEIGHT_DISPLACEMENT,
+                layout.WEIGHT_VELOCITY,
+                layout.WEIGHT_EFFORT,
+                layout.WEIGHT_STROKE,
+            ]
         ].tolist()
-        self._furthest, self._rail = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT]
+        self._furthest, self._rail = task[layout.DISPLACEMENT_LIMIT], task[layout.RAIL_LIMIT]
         self._actuators = len(plant.actuators)
 
     def rewards(
@@ -120,7 +125,7 @@ class Terms:
         if self.names == (OWN,):
             return {OWN: rewards.copy()}
         displacement, velocity, effort, stroke = self._weights
-        x1, x2, v1 = lanes[at.X1], lanes[at.X2], lanes[at.V1]
+        x1, x2, v1 = lanes[layout.X1], lanes[layout.X2], lanes[layout.V1]
         clipped = np.clip(actions.astype(np.float64), -1.0, 1.0).reshape(self._actuators, -1)
         values = (
             displacement * x1 * x1,
@@ -145,6 +150,6 @@ class Terms:
 def _reaction(lanes: Array, name: str) -> Array:
     """Return what a further term squares (lanes,) [m/s^2 or N]."""
     if name == "reward_carriage_acceleration":
-        return lanes[at.CARRIAGE_ACCELERATION]
-    mass = lanes[at.M2] if name == "reward_coupling_force" else 1.0
-    return mass * lanes[at.SPHERE_ACCELERATION]
+        return lanes[layout.CARRIAGE_ACCELERATION]
+    mass = lanes[layout.M2] if name == "reward_coupling_force" else 1.0
+    return mass * lanes[layout.SPHERE_ACCELERATION]

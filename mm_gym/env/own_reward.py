@@ -13,7 +13,7 @@ from pydantic import PrivateAttr
 
 from mm_gym.compiler.jit import COMPILED
 from mm_gym.errors import SceneError, refuse, suggest
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.memory import rows_of
 from mm_gym.plant.task import scales
 from mm_gym.scene.mechanics import WITHOUT_STRETCH
@@ -160,7 +160,7 @@ class OwnReward:
         values: dict[str, float] = {}
         for name in self.arguments:
             channel = CHANNELS[name]
-            subtracted = 0.0 if channel.subtracted == at.NO_ROW else lane[channel.subtracted]
+            subtracted = 0.0 if channel.subtracted == layout.NO_ROW else lane[channel.subtracted]
             values[name] = float(lane[channel.row] - subtracted)
         shown = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
         try:
@@ -242,29 +242,29 @@ def _probes(scene: Scene) -> Values:
     if objective.rail_half_length is not None:
         offsets = max(offsets, BEYOND * objective.rail_half_length)
     ends = {
-        at.X1: lengths,
-        at.X2: offsets,
-        at.V1: max(unit["velocity"], *map(abs, bounds(start.carriage_velocity))),
-        at.V2: max(unit["velocity"], *map(abs, bounds(start.sphere_velocity))),
-        at.FORCE: 0.0 if scene.actuation.force is None else scene.actuation.force.limit,
-        at.CARRIAGE_ACCELERATION: unit["acceleration"],
-        at.SPHERE_ACCELERATION: unit["acceleration"],
-        at.SPRING_FORCE: unit["force"],
-        at.DISTURBANCE: unit["force"],
-        at.GROUND_ACCELERATION: unit["acceleration"],
+        layout.X1: lengths,
+        layout.X2: offsets,
+        layout.V1: max(unit["velocity"], *map(abs, bounds(start.carriage_velocity))),
+        layout.V2: max(unit["velocity"], *map(abs, bounds(start.sphere_velocity))),
+        layout.FORCE: 0.0 if scene.actuation.force is None else scene.actuation.force.limit,
+        layout.CARRIAGE_ACCELERATION: unit["acceleration"],
+        layout.SPHERE_ACCELERATION: unit["acceleration"],
+        layout.SPRING_FORCE: unit["force"],
+        layout.DISTURBANCE: unit["force"],
+        layout.GROUND_ACCELERATION: unit["acceleration"],
     }
-    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (at.M1, PROBES))
+    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (layout.M1, PROBES))
     drawn[:, :3] = 0.0, 1.0, -1.0
-    lanes = rows_of(at.M1, PROBES, np.float64)
+    lanes = rows_of(layout.M1, PROBES, np.float64)
     for row, end in ends.items():
         lanes[row] = end * drawn[row]
-    lanes[at.X2] += lanes[at.X1]
+    lanes[layout.X2] += lanes[layout.X1]
     if scene.springs.kind not in WITHOUT_STRETCH:
         low, high = _stretches(scene)
-        lanes[at.STRETCH] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[at.STRETCH]
+        lanes[layout.STRETCH] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[layout.STRETCH]
     if (damper := scene.actuation.device) is not None:
         low, high = damper.minimum, damper.maximum
-        lanes[at.DAMPING] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[at.DAMPING]
+        lanes[layout.DAMPING] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[layout.DAMPING]
     return lanes
 
 

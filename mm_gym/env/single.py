@@ -19,7 +19,7 @@ from mm_gym.env.arguments import (
 )
 from mm_gym.env.base import SINGLE_MODES, Environment
 from mm_gym.env.outputs import action_space, checked_level, observation_space
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.rendering.subject import frames_per_second
 
 if TYPE_CHECKING:
@@ -265,7 +265,9 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         terminated = truncated = False
         if status:
             lanes = self._lanes
-            self._running = status == at.NOT_FINITE  # the action is refused, nothing has changed
+            self._running = (
+                status == layout.NOT_FINITE
+            )  # the action is refused, nothing has changed
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
         if self._is_plain:  # the common case

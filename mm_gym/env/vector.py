@@ -25,7 +25,7 @@ from mm_gym.env.arguments import (
 from mm_gym.env.base import RENDER_MODES, Environment
 from mm_gym.env.outputs import action_space, checked_level, observation_space
 from mm_gym.errors import refuse
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.rendering.subject import frames_per_second
 from mm_gym.simulation.checks import is_array
 from mm_gym.simulation.closed_loop import ClosedLoop
@@ -238,7 +238,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
             status, copies = self._lanes.advance_and_copy(actions)
         else:
             status = self._lanes.advance(actions)
-        if self._level == "full" and status <= at.ENDED:
+        if self._level == "full" and status <= layout.ENDED:
             self._rewards = self._terms.rewards(self._lanes.values, actions, rewards)
         final = None
         if status or any_over:
@@ -259,13 +259,13 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         Return the end of the latter if they are restarted in the same step.
         """
         lanes = self._lanes
-        if status > at.ENDED:
-            if status != at.NOT_FINITE:  # refused actions change nothing
+        if status > layout.ENDED:
+            if status != layout.NOT_FINITE:  # refused actions change nothing
                 self._over = np.arange(self.num_envs)
             lanes.raise_for(status)
         if self._over.size:
             self._restart(paused=True)
-        if status == at.ENDED:
+        if status == layout.ENDED:
             self._over = lanes.ended()
             if self._over.size and self.autoreset_mode is AutoresetMode.SAME_STEP:
                 final = self._final()

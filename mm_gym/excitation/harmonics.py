@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.elementary import cosine_and_sine
 from mm_gym.lanes.extended import on_circle
@@ -22,24 +22,27 @@ REFRESH = 1024.0
 @borrowing_kernel
 def rotate(model, lanes, interval, first, last):
     """Turn every harmonic by one sample interval."""
-    harmonics = int(model[at.HARMONIC_COUNT])
+    harmonics = int(model[layout.HARMONIC_COUNT])
     for j in range(harmonics):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
         for i in span(first, last):
-            c, s = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
-            rc, rs = lanes[harmonic + at.ROTATE_COSINE, i], lanes[harmonic + at.ROTATE_SINE, i]
+            c, s = lanes[harmonic + layout.COSINE, i], lanes[harmonic + layout.SINE, i]
+            rc, rs = (
+                lanes[harmonic + layout.ROTATE_COSINE, i],
+                lanes[harmonic + layout.ROTATE_SINE, i],
+            )
             cosine, sine = fma(c, rc, -s * rs), fma(s, rc, c * rs)
             # One Newton step towards length 1, or round-off would add up in the amplitude.
             norm = fma(-0.5, fma(cosine, cosine, sine * sine), 1.5)
-            lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i] = (
+            lanes[harmonic + layout.COSINE, i], lanes[harmonic + layout.SINE, i] = (
                 cosine * norm,
                 sine * norm,
             )
     if harmonics > 0:
-        made = lanes[at.NOW, first] * model[at.INTERVALS] + interval + 1.0
+        made = lanes[layout.NOW, first] * model[layout.INTERVALS] + interval + 1.0
         some_due = False
         for i in span(first, last):
-            some_due |= _is_due(made - model[at.INTERVALS] * lanes[at.BEGAN, i])
+            some_due |= _is_due(made - model[layout.INTERVALS] * lanes[layout.BEGAN, i])
         if some_due:
             _refresh(model, lanes, made, first, last)
 
@@ -55,17 +58,17 @@ def _is_due(count):
 def _refresh(model, lanes, made, first, last):
     """Compute the phases anew in the lanes where they are due."""
     for i in range(first, last):
-        count = made - model[at.INTERVALS] * lanes[at.BEGAN, i]
+        count = made - model[layout.INTERVALS] * lanes[layout.BEGAN, i]
         if _is_due(count):
-            for j in range(int(model[at.HARMONIC_COUNT])):
-                harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-                _write_phase(lanes, harmonic, model[at.SAMPLE_INTERVAL], count, i)
+            for j in range(int(model[layout.HARMONIC_COUNT])):
+                harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+                _write_phase(lanes, harmonic, model[layout.SAMPLE_INTERVAL], count, i)
 
 
 @borrowing_kernel
 def _write_phase(lanes, harmonic, step, count, i):
     """Write cosine and sine of phase + frequency * step * count, in twice a double's digits."""
-    frequency, phase = lanes[harmonic + at.FREQUENCY, i], lanes[harmonic + at.PHASE, i]
+    frequency, phase = lanes[harmonic + layout.FREQUENCY, i], lanes[harmonic + layout.PHASE, i]
     turn = frequency * step
     turned = turn * count
     rest = fma(turn, count, -turned) + fma(frequency, step, -turn) * count
@@ -74,18 +77,20 @@ def _write_phase(lanes, harmonic, step, count, i):
     rest += (turned - (angle - added)) + (phase - added)  # what the sum lost (Knuth, 1969)
     if not abs(rest) < np.inf:
         return  # beyond the doubles
-    lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i] = on_circle((angle, rest))
+    lanes[harmonic + layout.COSINE, i], lanes[harmonic + layout.SINE, i] = on_circle((angle, rest))
 
 
 @borrowing_kernel
 def begin_harmonic(lanes, harmonic, time_step, first, last):
     """Write cosine and sine of a harmonic's phase, and of its turn in one sample interval."""
     for i in span(first, last):
-        phase, frequency = lanes[harmonic + at.PHASE, i], lanes[harmonic + at.FREQUENCY, i]
+        phase, frequency = lanes[harmonic + layout.PHASE, i], lanes[harmonic + layout.FREQUENCY, i]
         turn = frequency * time_step
         # What rounding takes off a turn of many radians would add up; less is below round-off.
         rest = fma(frequency, time_step, -turn) if abs(turn) > 1.0 else 0.0
         (c, s), small = cosine_and_sine(turn), 1.0 - 0.5 * rest * rest
-        lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i] = cosine_and_sine(phase)
-        lanes[harmonic + at.ROTATE_COSINE, i] = c * small - s * rest
-        lanes[harmonic + at.ROTATE_SINE, i] = s * small + c * rest
+        lanes[harmonic + layout.COSINE, i], lanes[harmonic + layout.SINE, i] = cosine_and_sine(
+            phase
+        )
+        lanes[harmonic + layout.ROTATE_COSINE, i] = c * small - s * rest
+        lanes[harmonic + layout.ROTATE_SINE, i] = s * small + c * rest

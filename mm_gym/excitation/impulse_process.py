@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read
 from mm_gym.lanes.listed import run_of
@@ -89,9 +89,9 @@ def lanes_inside(lanes, row, clock, step, i, count):
     """
     now, intervals_per_step, interval = clock
     if count == 1:  # a lone lane does without what vectors prepare
-        passed = (now - lanes[at.BEGAN, i]) * intervals_per_step + interval
+        passed = (now - lanes[layout.BEGAN, i]) * intervals_per_step + interval
         return bits(lanes[row + NEXT, i] < before_end(passed, step))
-    passed = (now - read(lanes, at.BEGAN, i, count)) * intervals_per_step + interval
+    passed = (now - read(lanes, layout.BEGAN, i, count)) * intervals_per_step + interval
     inside = bits(read(lanes, row + NEXT, i, count) < before_end(passed, step))
     return inside & ((1 << count) - 1)
 

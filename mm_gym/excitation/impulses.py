@@ -14,7 +14,7 @@ from mm_gym.excitation.kinds import (
     part_count,
     part_slot,
 )
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import prefer_widest_vectors
 from mm_gym.lanes.memory import span
 from mm_gym.lanes.simd import LANES
@@ -28,7 +28,7 @@ def apply_first_impulses(model, lanes, clock, first, last):
 
     Bit k stands for the LANES lanes from first + LANES k on.
     """
-    groups, step = 0, model[at.SAMPLE_INTERVAL]
+    groups, step = 0, model[layout.SAMPLE_INTERVAL]
     for k in range(part_count(model)):
         slot = part_slot(model, k)
         if not is_impulse(model, slot):
@@ -49,7 +49,7 @@ def apply_first_impulses(model, lanes, clock, first, last):
 @inlined_kernel
 def _is_planned(lanes, row, clock, step, i):
     """Tell whether an impulse at the interval's start comes at its given time, and alone."""
-    count, time = intervals_since(clock, lanes[at.BEGAN, i]), lanes[row + process.TIME, i]
+    count, time = intervals_since(clock, lanes[layout.BEGAN, i]), lanes[row + process.TIME, i]
     is_next = (lanes[row + process.NEXT, i] == time) & (lanes[row + process.RANDOM, i] > time)
     return is_next & (time < process.after_start(count, step))
 
@@ -58,33 +58,33 @@ def _is_planned(lanes, row, clock, step, i):
 def _apply_planned(model, slot, lanes, clock, first, last):
     """Apply such impulses side by side: one at the start of an episode is in all lanes."""
     prefer_widest_vectors()
-    row, own, step = int(model[slot + ROW]), slot + OWN, model[at.SAMPLE_INTERVAL]
+    row, own, step = int(model[slot + ROW]), slot + OWN, model[layout.SAMPLE_INTERVAL]
     is_ground = model[slot + TARGET] > 0.0
     for i in span(first, last):
         is_planned = _is_planned(lanes, row, clock, step, i)
         size = 0.0 + process.size_of(model, own, lanes, row, 0.0, i)
-        on_carriage = -size if is_ground else size / lanes[at.M1, i]
+        on_carriage = -size if is_ground else size / lanes[layout.M1, i]
         on_sphere = -size if is_ground else 0.0
-        v1, v2, following = lanes[at.V1, i], lanes[at.V2, i], lanes[row + process.NEXT, i]
+        v1, v2, following = lanes[layout.V1, i], lanes[layout.V2, i], lanes[row + process.NEXT, i]
         random = min(lanes[row + process.RANDOM, i], process.NEVER)
-        lanes[at.V1, i] = v1 + on_carriage if is_planned else v1
-        lanes[at.V2, i] = v2 + on_sphere if is_planned else v2
+        lanes[layout.V1, i] = v1 + on_carriage if is_planned else v1
+        lanes[layout.V2, i] = v2 + on_sphere if is_planned else v2
         lanes[row + process.NEXT, i] = random if is_planned else following
 
 
 @borrowing_kernel
 def _apply_first(model, slot, lanes, clock, start, inside):
     """Apply those of the lanes `inside` from `start` on; tell whether impulses are left."""
-    some, row, step = False, int(model[slot + ROW]), model[at.SAMPLE_INTERVAL]
+    some, row, step = False, int(model[slot + ROW]), model[layout.SAMPLE_INTERVAL]
     while inside != 0:
         i = start + lowest(inside)
         inside &= inside - 1
-        count = intervals_since(clock, lanes[at.BEGAN, i])
+        count = intervals_since(clock, lanes[layout.BEGAN, i])
         since = process.earliest(count, step)
         while lanes[row + process.NEXT, i] < process.after_start(count, step):
             v1, v2 = take_impulse(model, slot, lanes, since, i)
-            lanes[at.V1, i] += v1
-            lanes[at.V2, i] += v2
+            lanes[layout.V1, i] += v1
+            lanes[layout.V2, i] += v2
         if lanes[row + process.NEXT, i] < process.before_end(count, step):
             _fetch(lanes, row, i)
             some = True
@@ -94,7 +94,7 @@ def _apply_first(model, slot, lanes, clock, start, inside):
 @inlined_kernel
 def _fetch(lanes, row, i):
     """Fetch what `take_impulse` reads in a lane, which would wait for one row after the other."""
-    prefetch(lanes, at.M1, i)
+    prefetch(lanes, layout.M1, i)
     for own in range(process.ROWS):
         prefetch(lanes, row + own, i)
 
@@ -105,19 +105,19 @@ def take_impulse(model, slot, lanes, since, i):
     size = process.take(model, slot + OWN, lanes, int(model[slot + ROW]), since, i)
     if model[slot + TARGET] > 0.0:
         return -size, -size  # (E4)
-    return size / lanes[at.M1, i], 0.0  # (E3)
+    return size / lanes[layout.M1, i], 0.0  # (E3)
 
 
 @borrowing_kernel
 def has_impulses(model):
     """Tell whether a part is impulses."""
-    return model[int(model[at.EXCITATION]) + IMPULSES] > 0.0
+    return model[int(model[layout.EXCITATION]) + IMPULSES] > 0.0
 
 
 @borrowing_kernel
 def some_impulse(model, lanes, clock, i, count):
     """Tell if in one of the lanes i .. i + count - 1 an impulse comes before the interval's end."""
-    step = model[at.SAMPLE_INTERVAL]
+    step = model[layout.SAMPLE_INTERVAL]
     for k in range(part_count(model)):
         slot = part_slot(model, k)
         if is_impulse(model, slot):
@@ -133,7 +133,7 @@ def next_impulse(model, lanes, count, i):
 
     That is a time since the interval's start [s].
     """
-    step = model[at.SAMPLE_INTERVAL]
+    step = model[layout.SAMPLE_INTERVAL]
     earliest = step
     for k in range(part_count(model)):
         slot = part_slot(model, k)
@@ -147,7 +147,7 @@ def next_impulse(model, lanes, count, i):
 @borrowing_kernel
 def take_impulses(model, lanes, count, elapsed, i):
     """Return by what the impulses until some time of interval `count` change v1 and v2 [m/s]."""
-    step, v1, v2 = model[at.SAMPLE_INTERVAL], 0.0, 0.0
+    step, v1, v2 = model[layout.SAMPLE_INTERVAL], 0.0, 0.0
     start, since = count * step, process.earliest(count, step)
     for k in range(part_count(model)):
         slot = part_slot(model, k)
@@ -166,7 +166,7 @@ def pass_impulses(model, lanes, count):
         slot = part_slot(model, k)
         if is_impulse(model, slot):
             next_row = int(model[slot + ROW]) + process.NEXT
-            while lanes[next_row, 0] < process.after_start(count, model[at.SAMPLE_INTERVAL]):
+            while lanes[next_row, 0] < process.after_start(count, model[layout.SAMPLE_INTERVAL]):
                 take_impulse(model, slot, lanes, 0.0, 0)
 
 
@@ -177,7 +177,7 @@ def write_impulses(model, lanes, intervals, found):
     They are written as `mm_gym.simulation.recording.Recording.impulses` has them, as far as there
     is room; their number is returned.
     """
-    step, k = model[at.SAMPLE_INTERVAL], 0
+    step, k = model[layout.SAMPLE_INTERVAL], 0
     for n in range(intervals):
         count = float(n)
         pass_impulses(model, lanes, count)

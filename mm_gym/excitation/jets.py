@@ -7,7 +7,7 @@ jet of the force [N] stands that of the ground's acceleration [m/s^2]. Harmonics
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.elementary import cosine_and_sine
 
 
@@ -27,8 +27,8 @@ def add_jets(force, ground, model, lanes, i, elapsed, duration, degree):
     The series, `force` and `ground`, cover a part of the sample interval; term k is the k-th
     derivative times duration**k / k!.
     """
-    jets, terms = int(model[at.JETS]), int(model[at.TERMS])
-    start, ratio = elapsed / model[at.SAMPLE_INTERVAL], duration / model[at.SAMPLE_INTERVAL]
+    jets, terms = int(model[layout.JETS]), int(model[layout.TERMS])
+    start, ratio = elapsed / model[layout.SAMPLE_INTERVAL], duration / model[layout.SAMPLE_INTERVAL]
     for target in range(2):
         jet = jets + target * terms
         series = ground if target > 0 else force
@@ -50,17 +50,20 @@ def write_series(c, width, model, lanes, i, elapsed, duration, degree):
     Their terms are as those of `add_jets`; rows of c are a width apart. Without excitation nothing
     is written.
     """
-    harmonics, ground = int(model[at.HARMONIC_COUNT]), int(model[at.GROUND])
-    if harmonics == 0 and model[at.TERMS] == 0.0:
+    harmonics, ground = int(model[layout.HARMONIC_COUNT]), int(model[layout.GROUND])
+    if harmonics == 0 and model[layout.TERMS] == 0.0:
         return
     for n in range(degree + 1):
         c[6 * width + n] = c[7 * width + n] = 0.0
     of_force, of_ground = c[6 * width :], c[7 * width :]
     add_jets(of_force, of_ground, model, lanes, i, elapsed, duration, degree)
     for j in range(harmonics):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        amplitude, frequency = lanes[harmonic + at.AMPLITUDE, i], lanes[harmonic + at.FREQUENCY, i]
-        phase = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        amplitude, frequency = (
+            lanes[harmonic + layout.AMPLITUDE, i],
+            lanes[harmonic + layout.FREQUENCY, i],
+        )
+        phase = lanes[harmonic + layout.COSINE, i], lanes[harmonic + layout.SINE, i]
         wave = amplitude, frequency, phase[0], phase[1]
         series = of_ground if (ground >> j) & 1 else of_force
         add_harmonic(series, wave, elapsed, duration, degree)

@@ -18,7 +18,7 @@ import math
 
 from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.excitation import impulse_process, noise, record
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.elementary import cosine_and_sine
 from mm_gym.lanes.extended import (
@@ -62,13 +62,17 @@ SWEEP_ROWS = COSINES + 2 * SWEEP_TERMS
 @borrowing_kernel
 def excited(model):
     """Tell whether there is excitation other than harmonics."""
-    return model[int(model[at.EXCITATION])] > 0.0
+    return model[int(model[layout.EXCITATION])] > 0.0
 
 
 @kernel
 def begin_excitation(model, lanes, streams, which, first, last):
     """Prepare the excitation of new episodes; the jets hold its values at their start."""
-    base, jets, terms = int(model[at.EXCITATION]), int(model[at.JETS]), int(model[at.TERMS])
+    base, jets, terms = (
+        int(model[layout.EXCITATION]),
+        int(model[layout.JETS]),
+        int(model[layout.TERMS]),
+    )
     own = which[place_of(first, which) : place_of(last, which)]
     for row in range(jets, jets + 2 * terms):
         set_row(lanes, row, 0.0, own)
@@ -88,13 +92,13 @@ def begin_excitation(model, lanes, streams, which, first, last):
                 else:  # its own start is its jet over no time
                     record.begin(model, slot + OWN, lanes, row, i)
                     add_record(model, slot, lanes, 0.0, 0.0, i)
-    return at.OK
+    return layout.OK
 
 
 @borrowing_kernel
 def excite(model, lanes, streams, interval, first, last):
     """Write the jets of a sample interval but for the records."""
-    clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
+    clock = lanes[layout.NOW, first], model[layout.INTERVALS], float(interval)
     _clear_jets(model, lanes, first, last)
     for k in range(part_count(model)):
         slot = part_slot(model, k)
@@ -109,14 +113,14 @@ def excite(model, lanes, streams, interval, first, last):
 @borrowing_kernel
 def _clear_jets(model, lanes, first, last):
     """Set the jets to which a part adds to zero; the others have been zero since the start."""
-    terms = int(model[at.TERMS])
+    terms = int(model[layout.TERMS])
     for target in range(2):
         is_added_to = False
         for k in range(part_count(model)):
             slot = part_slot(model, k)
             is_added_to |= not is_impulse(model, slot) and int(model[slot + TARGET]) == target
         if is_added_to:
-            jet = int(model[at.JETS]) + terms * target
+            jet = int(model[layout.JETS]) + terms * target
             for row in range(jet, jet + terms):
                 fill(lanes, row, 0.0, first, last)
 
@@ -124,8 +128,8 @@ def _clear_jets(model, lanes, first, last):
 @borrowing_kernel
 def _row_and_jet(model, slot):
     """Return the first row of a part, and that of the jet to which it adds."""
-    terms = int(model[at.TERMS]) if model[slot + TARGET] > 0.0 else 0
-    return int(model[slot + ROW]), int(model[at.JETS]) + terms
+    terms = int(model[layout.TERMS]) if model[slot + TARGET] > 0.0 else 0
+    return int(model[slot + ROW]), int(model[layout.JETS]) + terms
 
 
 @borrowing_kernel
@@ -139,9 +143,9 @@ def intervals_since(clock, began):
 def _add_sweep(model, slot, lanes, clock, first, last):
     """Add amplitude sin(phase(t)) to its jet: s' = c phase', c' = -s phase', term by term."""
     row, jet = _row_and_jet(model, slot)
-    logarithmic, step = model[slot + IS_LOGARITHMIC] > 0.0, model[at.SAMPLE_INTERVAL]
+    logarithmic, step = model[slot + IS_LOGARITHMIC] > 0.0, model[layout.SAMPLE_INTERVAL]
     for i in range(first, last):
-        count = intervals_since(clock, lanes[at.BEGAN, i])
+        count = intervals_since(clock, lanes[layout.BEGAN, i])
         angle, turn, bend, growth = _sweep_at(logarithmic, lanes, row, step, count, i)
         amplitude = lanes[row + SWEEP_AMPLITUDE, i]
         sines = row + COSINES + SWEEP_TERMS
@@ -193,19 +197,19 @@ def _sweep_at(logarithmic, lanes, row, step, count, i):
 @borrowing_kernel
 def has_corners(model):
     """Tell whether a record may have corners between sample instants."""
-    return model[int(model[at.EXCITATION]) + CORNERS] > 0.0
+    return model[int(model[layout.EXCITATION]) + CORNERS] > 0.0
 
 
 @borrowing_kernel
 def part_count(model):
     """Return the number of parts that are not harmonics."""
-    return int(model[int(model[at.EXCITATION])])
+    return int(model[int(model[layout.EXCITATION])])
 
 
 @borrowing_kernel
 def part_slot(model, k):
     """Return the first slot of part k."""
-    return int(model[at.EXCITATION]) + FIRST + SIZE * k
+    return int(model[layout.EXCITATION]) + FIRST + SIZE * k
 
 
 @borrowing_kernel
@@ -223,9 +227,9 @@ def is_impulse(model, slot):
 @borrowing_kernel
 def add_records(model, lanes, clock, first, last):
     """Add the records to the jets of a sample interval of the lanes first .. last - 1."""
-    if not model[int(model[at.EXCITATION]) + RECORDS] > 0.0:
+    if not model[int(model[layout.EXCITATION]) + RECORDS] > 0.0:
         return
-    step = model[at.SAMPLE_INTERVAL]
+    step = model[layout.SAMPLE_INTERVAL]
     for k in range(part_count(model)):
         slot = part_slot(model, k)
         if not is_record(model, slot):
@@ -235,7 +239,7 @@ def add_records(model, lanes, clock, first, last):
             record.add_lines(model, slot + OWN, lanes, row, jet, clock, first, last)
             continue
         for i in range(first, last):
-            began = intervals_since(clock, lanes[at.BEGAN, i]) * step
+            began = intervals_since(clock, lanes[layout.BEGAN, i]) * step
             record.add(model, slot + OWN, lanes, row, jet, began, step, i)
 
 
@@ -265,8 +269,8 @@ def write_jets(model, lanes, others, began, elapsed, duration, i):
 
     `others`, (2 * terms,) read, are the jets of all parts but the records, over the whole interval.
     """
-    terms, row = int(model[at.TERMS]), int(model[at.JETS])
-    start, ratio = elapsed / model[at.SAMPLE_INTERVAL], duration / model[at.SAMPLE_INTERVAL]
+    terms, row = int(model[layout.TERMS]), int(model[layout.JETS])
+    start, ratio = elapsed / model[layout.SAMPLE_INTERVAL], duration / model[layout.SAMPLE_INTERVAL]
     for target in range(2):
         scale = 1.0
         for k in range(terms):
@@ -286,7 +290,7 @@ def write_jets(model, lanes, others, began, elapsed, duration, i):
 @borrowing_kernel
 def write_rows_of_jets(model, lane, others, times, elapsed, duration, jets):
     """Write the jets (k, 2 * terms) over a part of k sample intervals that began at given times."""
-    row = int(model[at.JETS])
+    row = int(model[layout.JETS])
     for k in range(times.shape[0]):
         write_jets(model, lane, others[k], times[k], elapsed, duration, 0)
         for n in range(jets.shape[1]):

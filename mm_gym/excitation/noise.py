@@ -17,7 +17,7 @@ from mm_gym.excitation.filters import (
     TRANSITION,
     write_matrices,
 )
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.elementary import exponential
 from mm_gym.lanes.memory import span
@@ -116,7 +116,7 @@ def _envelope(lanes, row, time, i):
 def _end(lanes, clock_and_step, i):
     """Return the time [s] since the start of the episode at the sample interval's end."""
     now, intervals_per_step, interval, step = clock_and_step
-    count = (now - lanes[at.BEGAN, i]) * intervals_per_step + interval
+    count = (now - lanes[layout.BEGAN, i]) * intervals_per_step + interval
     return (count + 1.0) * step
 
 
@@ -185,9 +185,9 @@ def _step_alone(has_high_pass, m, k, lanes, row, jet, streams, clock_and_step, i
 @inlined_kernel
 def add(model, own, lanes, row, jet, streams, clock, first, last):
     """Advance the filter by a sample interval, exactly in distribution; add the noise to a jet."""
-    clock_and_step = (*clock, model[at.SAMPLE_INTERVAL])
+    clock_and_step = (*clock, model[layout.SAMPLE_INTERVAL])
     place, drawn = int(model[own + PLACE]), row + ROWS
-    has_high_pass, k = model[own + STATES] == ORDER, int(model[at.EXCITATION]) + place
+    has_high_pass, k = model[own + STATES] == ORDER, int(model[layout.EXCITATION]) + place
     if last - first > 1:
         if place == 0:
             _add_drawn(model, own, lanes, row, jet, streams, clock_and_step, first, last)
@@ -248,14 +248,14 @@ def begin(model, own, lanes, row, jet, streams, which):
     Matrices that are drawn are written first.
     """
     place, order, drawn = int(model[own + PLACE]), int(model[own + STATES]), row + ROWS
-    k = int(model[at.EXCITATION]) + place
+    k = int(model[layout.EXCITATION]) + place
     if place > 0:
         for i in which:
             _start(model, k, order, lanes, row, jet, streams, i)
         return
     filters = lanes[row + LOW_PASS : row + HIGH_PASS_DAMPING + 1]
     is_soil = model[own + PASSES_VELOCITY] > 0.0
-    write_matrices(lanes, drawn, filters, is_soil, model[at.SAMPLE_INTERVAL], which)
+    write_matrices(lanes, drawn, filters, is_soil, model[layout.SAMPLE_INTERVAL], which)
     for i in which:
         _start(lanes, drawn, order, lanes, row, jet, streams, i)
 

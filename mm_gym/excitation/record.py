@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -83,11 +83,11 @@ def add(model, own, lanes, row, jet, began, duration, i):
 def add_lines(model, own, lanes, row, jet, clock, first, last):
     """Add even records whose corners are sample instants to a jet; as `add`, in less time."""
     now, intervals_per_step, interval = clock
-    step = model[at.SAMPLE_INTERVAL]
+    step = model[layout.SAMPLE_INTERVAL]
     for i in range(first, last):
         _, values, count, spacing = _points(model, own, lanes, row, i)
         per_spacing = 1.0 / spacing
-        began = ((now - lanes[at.BEGAN, i]) * intervals_per_step + interval) * step
+        began = ((now - lanes[layout.BEGAN, i]) * intervals_per_step + interval) * step
         begin = per_spacing * _own_time(lanes, row, began, i)
         end = per_spacing * _own_time(lanes, row, began + step, i)
         place = begin + margin(begin, end)
@@ -115,7 +115,7 @@ def next_corner(model, own, lanes, row, began, elapsed, duration, i):
 @borrowing_kernel
 def _line(model, own, lanes, row, i):
     """Return where in the model a lane's record has its line, and where the table begins."""
-    table = int(model[at.EXCITATION]) + int(model[own + TABLE])
+    table = int(model[layout.EXCITATION]) + int(model[own + TABLE])
     return table + LINE * int(lanes[row + NUMBER, i]), table
 
 

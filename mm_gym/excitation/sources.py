@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.elementary import on_circle
 from mm_gym.lanes.groups import read
@@ -49,42 +49,45 @@ def obstacle(frequencies: NDArray[np.float64], terms: int, interval: float) -> s
 @inlined_kernel
 def is_excited(model):
     """Tell whether there is an excitation."""
-    return model[at.TERMS] + model[at.HARMONIC_COUNT] > 0.0
+    return model[layout.TERMS] + model[layout.HARMONIC_COUNT] > 0.0
 
 
 @inlined_kernel
 def rows_of_sources(model):
     """Return how many rows there are."""
-    return 2 * int(model[at.TERMS]) + ROWS_OF_HARMONIC * int(model[at.HARMONIC_COUNT])
+    return 2 * int(model[layout.TERMS]) + ROWS_OF_HARMONIC * int(model[layout.HARMONIC_COUNT])
 
 
 @borrowing_kernel
 def load_sources(model, lanes, i, count, b, first):
     """Write the rows of b from `first` on, of the lanes i .. i + count - 1."""
-    terms = 2 * int(model[at.TERMS])
+    terms = 2 * int(model[layout.TERMS])
     for n in range(terms):
-        b[first + n] = read(lanes, int(model[at.JETS]) + n, i, count)
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        row, harmonic = first + terms + ROWS_OF_HARMONIC * j, at.HARMONICS + at.HARMONIC_ROWS * j
-        b[row] = read(lanes, harmonic + at.AMPLITUDE, i, count)
-        b[row + 1] = read(lanes, harmonic + at.FREQUENCY, i, count)
-        b[row + 2] = read(lanes, harmonic + at.COSINE, i, count)
-        b[row + 3] = read(lanes, harmonic + at.SINE, i, count)
+        b[first + n] = read(lanes, int(model[layout.JETS]) + n, i, count)
+    for j in range(int(model[layout.HARMONIC_COUNT])):
+        row, harmonic = (
+            first + terms + ROWS_OF_HARMONIC * j,
+            layout.HARMONICS + layout.HARMONIC_ROWS * j,
+        )
+        b[row] = read(lanes, harmonic + layout.AMPLITUDE, i, count)
+        b[row + 1] = read(lanes, harmonic + layout.FREQUENCY, i, count)
+        b[row + 2] = read(lanes, harmonic + layout.COSINE, i, count)
+        b[row + 3] = read(lanes, harmonic + layout.SINE, i, count)
 
 
 @borrowing_kernel
 def excitation(model, b, first, time):
     """Return force [N] and ground acceleration [m/s^2] at a time [s] since the interval's start."""
-    terms, fraction = int(model[at.TERMS]), time * (1.0 / model[at.SAMPLE_INTERVAL])
+    terms, fraction = int(model[layout.TERMS]), time * (1.0 / model[layout.SAMPLE_INTERVAL])
     push, shake = alike(time, 0.0), alike(time, 0.0)
     for n in range(terms - 1, -1, -1):
         push = fma(push, fraction, b[first + n])
         shake = fma(shake, fraction, b[first + terms + n])
-    for j in range(int(model[at.HARMONIC_COUNT])):
+    for j in range(int(model[layout.HARMONIC_COUNT])):
         row = first + 2 * terms + ROWS_OF_HARMONIC * j
         cosine, sine = on_circle(b[row + 1] * time * _TO_QUARTERS)
         value = b[row] * fma(b[row + 3], cosine, b[row + 2] * sine)
-        if (int(model[at.GROUND]) >> j) & 1:
+        if (int(model[layout.GROUND]) >> j) & 1:
             shake = shake + value
         else:
             push = push + value
@@ -97,18 +100,18 @@ def strongest(model, b, first):
 
     Each is followed by bounds of its third and fourth derivative over time in sample intervals.
     """
-    zero, terms = alike(b[first], 0.0), int(model[at.TERMS])
+    zero, terms = alike(b[first], 0.0), int(model[layout.TERMS])
     force, ground = (zero, zero, zero), (zero, zero, zero)
     for n in range(terms):
         third = n * (n - 1.0) * (n - 2.0)
         weights = 1.0, third, third * (n - 3.0)
         force = _raised(force, abs(b[first + n]), weights)
         ground = _raised(ground, abs(b[first + terms + n]), weights)
-    for j in range(int(model[at.HARMONIC_COUNT])):
+    for j in range(int(model[layout.HARMONIC_COUNT])):
         row = first + 2 * terms + ROWS_OF_HARMONIC * j
-        turn = b[row + 1] * model[at.SAMPLE_INTERVAL]
+        turn = b[row + 1] * model[layout.SAMPLE_INTERVAL]
         weights = alike(turn, 1.0), turn * turn * turn, turn * turn * (turn * turn)
-        if (int(model[at.GROUND]) >> j) & 1:
+        if (int(model[layout.GROUND]) >> j) & 1:
             ground = _raised(ground, abs(b[row]), weights)
         else:
             force = _raised(force, abs(b[row]), weights)

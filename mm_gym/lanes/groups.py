@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import inlined_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.simd import LANES, element, everywhere, with_element
 from mm_gym.lanes.simd_masks import all_hold
 from mm_gym.lanes.simd_memory import load, store
@@ -44,22 +44,22 @@ def write_state(lanes, i, count, x1, x2, v1, v2):
     finite = abs(x1) + abs(x2) + abs(v1) + abs(v2) < np.inf
     if count == LANES and all_hold(finite):
         write_states(lanes, i, x1, x2, v1, v2)
-        return at.OK
-    status = at.OK
+        return layout.OK
+    status = layout.OK
     for k in range(count):
         y1, y2, w1, w2 = element(x1, k), element(x2, k), element(v1, k), element(v2, k)
         if abs(y1) + abs(y2) + abs(w1) + abs(w2) < np.inf:
-            lanes[at.X1, i + k], lanes[at.X2, i + k] = y1, y2
-            lanes[at.V1, i + k], lanes[at.V2, i + k] = w1, w2
+            lanes[layout.X1, i + k], lanes[layout.X2, i + k] = y1, y2
+            lanes[layout.V1, i + k], lanes[layout.V2, i + k] = w1, w2
         else:
-            status = at.DIVERGED
+            status = layout.DIVERGED
     return status
 
 
 @inlined_kernel
 def write_states(lanes, i, x1, x2, v1, v2):
     """Write the state [m, m/s] of LANES lanes."""
-    store(lanes, at.X1, i, x1)
-    store(lanes, at.X2, i, x2)
-    store(lanes, at.V1, i, v1)
-    store(lanes, at.V2, i, v2)
+    store(lanes, layout.X1, i, x1)
+    store(lanes, layout.X2, i, x2)
+    store(lanes, layout.V1, i, v1)
+    store(lanes, layout.V2, i, v2)

@@ -18,7 +18,7 @@ from numba.extending import intrinsic
 from mm_gym.compiler.addresses import call
 from mm_gym.compiler.jit import borrowing_kernel, sharing_kernel
 from mm_gym.compiler.llvm_code import get_or_insert_function, intp_t
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 # `numba.get_num_threads` and `set_num_threads` would keep the kernel from being cached.
 
@@ -52,7 +52,7 @@ def _set_thread_count(_context, count):
 @borrowing_kernel
 def nothing(first, last):
     """Do nothing: the second kernel where there is only one to run."""
-    return at.OK
+    return layout.OK
 
 
 @sharing_kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from mm_gym.compiler.jit import inlined_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 
 @inlined_kernel
@@ -49,5 +49,5 @@ def fastest_harmonic(p, harmonics):
     """Return the highest frequency [rad/s] of a lane's harmonics; p (rows,) is the lane."""
     fastest = 0.0
     for j in range(harmonics):
-        fastest = max(fastest, p[at.HARMONICS + at.HARMONIC_ROWS * j + at.FREQUENCY])
+        fastest = max(fastest, p[layout.HARMONICS + layout.HARMONIC_ROWS * j + layout.FREQUENCY])
     return fastest

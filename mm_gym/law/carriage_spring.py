@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 
 
@@ -63,10 +63,10 @@ def are_terminated(lanes, ends, duration, first, last):
     """
     found = False
     for i in range(first, last):
-        m1, k1 = lanes[at.M1, i], lanes[at.K1, i]
-        alpha, beta = lanes[at.ALPHA, i], lanes[at.BETA, i]
-        if abs(lanes[at.X1, i]) > escape_distance(m1, k1, alpha, beta, duration):
+        m1, k1 = lanes[layout.M1, i], lanes[layout.K1, i]
+        alpha, beta = lanes[layout.ALPHA, i], lanes[layout.BETA, i]
+        if abs(lanes[layout.X1, i]) > escape_distance(m1, k1, alpha, beta, duration):
             found = True
-            if not ends[at.TERMINATED, i]:
+            if not ends[layout.TERMINATED, i]:
                 return False
     return found

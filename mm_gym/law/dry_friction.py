@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.memory import span
 
-REGIMES_READ = at.VR, at.MU1, at.MU2, at.FN
-REGIMES_WRITTEN = at.C, at.KINETIC_FORCE
+REGIMES_READ = layout.VR, layout.MU1, layout.MU2, layout.FN
+REGIMES_WRITTEN = layout.C, layout.KINETIC_FORCE
 """Rows of `write_regimes`."""
 
 
@@ -38,11 +38,13 @@ def write_regimes(lanes, first, last):
     So an interface is one slope C up to the slip velocity VR, none if that is 0, and beyond it
     KINETIC_FORCE and a slope CHI. Every episode begins with this; kernels read these rows alone.
     """
-    if lanes[at.VR, first] == 0.0:  # all lanes of a scene have an interface of one kind
+    if lanes[layout.VR, first] == 0.0:  # all lanes of a scene have an interface of one kind
         return
     for i in span(first, last):
-        lanes[at.C, i] = stick_slope(lanes[at.MU1, i], lanes[at.FN, i], lanes[at.VR, i])
-        lanes[at.KINETIC_FORCE, i] = kinetic_force(lanes[at.MU2, i], lanes[at.FN, i])
+        lanes[layout.C, i] = stick_slope(
+            lanes[layout.MU1, i], lanes[layout.FN, i], lanes[layout.VR, i]
+        )
+        lanes[layout.KINETIC_FORCE, i] = kinetic_force(lanes[layout.MU2, i], lanes[layout.FN, i])
 
 
 @inlined_kernel

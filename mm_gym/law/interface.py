@@ -20,7 +20,7 @@ from numba.extending import models, overload, register_model, typeof_impl
 
 from mm_gym.compiler.jit import inlined_kernel
 from mm_gym.compiler.llvm_code import lower_constant
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.simd import alike
 
@@ -208,7 +208,7 @@ is_line = _constant_of(lambda interface: interface is LINE)
 @inlined_kernel
 def state_row(model, k, states):
     """Return the row in a lane of the k-th of a motion's states."""
-    return k if k <= at.V2 else int(model[at.INTERFACE]) - states + k
+    return k if k <= layout.V2 else int(model[layout.INTERFACE]) - states + k
 
 
 @inlined_kernel

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.groups import read
 from mm_gym.law.bounds import fastest_rate
@@ -30,8 +30,8 @@ def generator(piece, m1, m2, k1, d, c, k2):
 @inlined_kernel
 def state_of(lanes, piece, i, count):
     """Return the state of the lanes i .. i + count - 1."""
-    x1, v1 = read(lanes, at.X1, i, count), read(lanes, at.V1, i, count)
-    offset, w = read(lanes, at.X2, i, count) - x1, read(lanes, at.V2, i, count) - v1
+    x1, v1 = read(lanes, layout.X1, i, count), read(lanes, layout.V1, i, count)
+    offset, w = read(lanes, layout.X2, i, count) - x1, read(lanes, layout.V2, i, count) - v1
     return x1, offset, piece * v1, piece * w
 
 
@@ -63,8 +63,11 @@ def add(total, weight, z):
 @borrowing_kernel
 def respond(model, lanes, time, v1, v2, i):  # noqa: ARG001 - other methods read their models
     """Add to the state of lane i its free motion for a time [s] after velocities [m/s] at rest."""
-    m1, m2, d, c = lanes[at.M1, i], lanes[at.M2, i], lanes[at.D, i], lanes[at.C, i]
-    k1, k2 = lanes[at.K1, i] * lanes[at.ALPHA, i], stiffness(lanes[at.K0, i], lanes[at.STRETCH, i])
+    m1, m2, d, c = lanes[layout.M1, i], lanes[layout.M2, i], lanes[layout.D, i], lanes[layout.C, i]
+    k1, k2 = (
+        lanes[layout.K1, i] * lanes[layout.ALPHA, i],
+        stiffness(lanes[layout.K0, i], lanes[layout.STRETCH, i]),
+    )
     phase = fastest_rate(m1, m2, k1, k2, c, d) * time
     pieces = max(1, math.ceil(phase))
     piece, phase = time / pieces, phase / pieces
@@ -77,7 +80,7 @@ def respond(model, lanes, time, v1, v2, i):  # noqa: ARG001 - other methods read
             weight, bound = weight / n, bound * (phase / n)
             z, _ = derivative(g, z, 0.0, 0.0)
             y = add(y, weight, z)
-    lanes[at.X1, i] += y[0]
-    lanes[at.X2, i] += y[0] + y[1]
-    lanes[at.V1, i] += y[2] / piece
-    lanes[at.V2, i] += (y[2] + y[3]) / piece
+    lanes[layout.X1, i] += y[0]
+    lanes[layout.X2, i] += y[0] + y[1]
+    lanes[layout.V1, i] += y[2] / piece
+    lanes[layout.V2, i] += (y[2] + y[3]) / piece

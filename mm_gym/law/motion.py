@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from mm_gym.compiler.jit import inlined_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.groups import read
 from mm_gym.law.carriage_spring import secant
@@ -62,19 +62,19 @@ def coefficients(m1, m2, k1, alpha, beta, d, k2, k0, by_l0, stretch):
 @inlined_kernel
 def read_coefficients(lanes, i, count):
     """Return the coefficients of the lanes i .. i + count - 1 of (rows, count) lanes."""
-    k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
+    k0, stretch = read(lanes, layout.K0, i, count), read(lanes, layout.STRETCH, i, count)
     k2, by_l0 = k0, k0
-    if lanes[at.L0, i] > 0.0:  # in all lanes or none; what nothing reads costs no division
-        by_l0 = 1.0 / read(lanes, at.L0, i, count)
+    if lanes[layout.L0, i] > 0.0:  # in all lanes or none; what nothing reads costs no division
+        by_l0 = 1.0 / read(lanes, layout.L0, i, count)
     else:
         k2 = stiffness(k0, stretch)
     return coefficients(
-        read(lanes, at.M1, i, count),
-        read(lanes, at.M2, i, count),
-        read(lanes, at.K1, i, count),
-        read(lanes, at.ALPHA, i, count),
-        read(lanes, at.BETA, i, count),
-        read(lanes, at.D, i, count),
+        read(lanes, layout.M1, i, count),
+        read(lanes, layout.M2, i, count),
+        read(lanes, layout.K1, i, count),
+        read(lanes, layout.ALPHA, i, count),
+        read(lanes, layout.BETA, i, count),
+        read(lanes, layout.D, i, count),
         k2,
         k0,
         by_l0,
@@ -95,7 +95,7 @@ def control_forces(model, force):
     force
         That of the actuator [N], a number or a vector of lanes.
     """
-    inner = model[at.BETWEEN] * force
+    inner = model[layout.BETWEEN] * force
     return inner, force - inner
 
 

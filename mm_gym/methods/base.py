@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from mm_gym.errors import CompileError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -120,7 +120,7 @@ class Method(ABC):
     def constants(self, support: Support, settings: Settings) -> NDArray[np.float64]:
         """Return the model array: the kernel's constants, then the excitation's description."""
         model = self.model(support, settings)
-        model[at.EXCITATION] = len(model)
+        model[layout.EXCITATION] = len(model)
         return np.concatenate([model, support.excitation])
 
 
@@ -155,14 +155,14 @@ def refuse_overflow(support: Support) -> Generator[None]:
 
 def header(support: Support, own: int) -> NDArray[np.float64]:
     """Return a model array with the slots of every method filled, and `own` more slots."""
-    model = np.zeros(at.MODEL_OWN + own)
-    model[at.SAMPLE_INTERVAL] = support.sample_interval
-    model[at.INTERVALS] = support.intervals_per_step
-    model[at.JETS], model[at.TERMS] = support.jets, support.terms
-    model[at.INTERFACE], model[at.BETWEEN] = support.interface_row, support.is_between
-    model[at.DAMPED] = support.damped_row
-    model[at.HARMONIC_COUNT] = len(support.ground)
-    model[at.GROUND] = sum(1 << j for j, ground in enumerate(support.ground) if ground)
+    model = np.zeros(layout.MODEL_OWN + own)
+    model[layout.SAMPLE_INTERVAL] = support.sample_interval
+    model[layout.INTERVALS] = support.intervals_per_step
+    model[layout.JETS], model[layout.TERMS] = support.jets, support.terms
+    model[layout.INTERFACE], model[layout.BETWEEN] = support.interface_row, support.is_between
+    model[layout.DAMPED] = support.damped_row
+    model[layout.HARMONIC_COUNT] = len(support.ground)
+    model[layout.GROUND] = sum(1 << j for j, ground in enumerate(support.ground) if ground)
     return model
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, suggest
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import bounds, dry_friction, springs
 from mm_gym.law.interface import LINE, Interface
 
@@ -38,7 +38,7 @@ KINDS = (
 """The kinds of plants. Parametric: parameters differ between lanes or change between steps.
 General: the interface is one of `mm_gym.law.INTERFACES`."""
 
-PHYSICAL = range(at.M1, at.HARMONICS)
+PHYSICAL = range(layout.M1, layout.HARMONICS)
 """Rows of the physical parameters; before them stretch and damping alone enter the dynamics."""
 
 
@@ -113,7 +113,7 @@ class Support:
         """The lane (rows,) in the middle of all ranges that an episode begins with."""
         row = 0.5 * (self.start_low + self.start_high)
         if self.damped_row:
-            row[self.damped_row] = row[at.DAMPING]
+            row[self.damped_row] = row[layout.DAMPING]
         return row
 
     @property
@@ -133,8 +133,8 @@ class Support:
 
     @property
     def _frequency_rows(self) -> slice:
-        first = at.HARMONICS + at.FREQUENCY
-        return slice(first, first + at.HARMONIC_ROWS * len(self.ground), at.HARMONIC_ROWS)
+        first = layout.HARMONICS + layout.FREQUENCY
+        return slice(first, first + layout.HARMONIC_ROWS * len(self.ground), layout.HARMONIC_ROWS)
 
     @property
     def sampled(self) -> bool:
@@ -158,12 +158,12 @@ class Support:
     def _dynamic_rows(self) -> set[int]:
         """Rows of the physical parameters, the stretch and the harmonics' frequencies."""
         frequencies = range(*self._frequency_rows.indices(len(self.low)))
-        return {at.STRETCH, at.DAMPING, *PHYSICAL, *frequencies, *self.interface_rows}
+        return {layout.STRETCH, layout.DAMPING, *PHYSICAL, *frequencies, *self.interface_rows}
 
     @property
     def varying_parameters(self) -> list[str]:
         """Dotted names of those that are neither the stretch nor a harmonic's frequency."""
-        rows = (at.DAMPING, *range(at.M1, at.HARMONICS))
+        rows = (layout.DAMPING, *range(layout.M1, layout.HARMONICS))
         return [name for name in self.varying if self.names[name] in rows]
 
     @property
@@ -204,12 +204,12 @@ class Support:
     @property
     def age_row(self) -> int:
         """Row of the age of the newest frame observed [control steps]; 0 if it is the delay."""
-        return self.sensors_row + at.AGE if self.sensors_row else 0
+        return self.sensors_row + layout.AGE if self.sensors_row else 0
 
     @property
     def state_rows(self) -> list[int]:
         """Rows of x1, x2, v1, v2, and of those."""
-        return [at.X1, at.X2, at.V1, at.V2, *self.own_rows]
+        return [layout.X1, layout.X2, layout.V1, layout.V2, *self.own_rows]
 
     @property
     def interface_slopes(self) -> tuple[float, float]:
@@ -226,24 +226,24 @@ class Support:
     @property
     def slips(self) -> bool:
         """Whether there is dry friction."""
-        return bool(self.high[at.VR] > 0.0)
+        return bool(self.high[layout.VR] > 0.0)
 
     @property
     def is_cubic(self) -> bool:
         """Whether the carriage's spring is not linear."""
-        return bool(self.low[at.BETA] < 0.0 or self.high[at.BETA] > 0.0)
+        return bool(self.low[layout.BETA] < 0.0 or self.high[layout.BETA] > 0.0)
 
     @property
     def is_nonlinear(self) -> bool:
         """Whether a spring is not linear."""
-        return self.is_cubic or bool(self.high[at.L0] > 0.0)
+        return self.is_cubic or bool(self.high[layout.L0] > 0.0)
 
     @property
     def kind(self) -> str:
         """One of `KINDS`: the simplest plant that covers all values."""
         if self.is_general:
             return GENERAL
-        if self.low[at.M1] == 0.0:
+        if self.low[layout.M1] == 0.0:
             return MASSLESS
         if self.is_nonlinear:
             return SWITCHED_NONLINEAR if self.slips else SMOOTH_NONLINEAR
@@ -255,13 +255,13 @@ class Support:
     @property
     def stiffest(self) -> float:
         """The largest k2 [N/m], the interface's in: it falls with stretch, and is at most 6 k0."""
-        k2 = float(plain(springs.stiffness)(self.high[at.K0], self.low[at.STRETCH]))
+        k2 = float(plain(springs.stiffness)(self.high[layout.K0], self.low[layout.STRETCH]))
         return k2 + self.interface_slopes[1]
 
     @property
     def outer_stiffness(self) -> float:
         """The largest magnitude of the carriage's stiffness at rest, k1 alpha [N/m]."""
-        return float(self.high[at.K1] * max(-self.low[at.ALPHA], self.high[at.ALPHA]))
+        return float(self.high[layout.K1] * max(-self.low[layout.ALPHA], self.high[layout.ALPHA]))
 
     @property
     def growth_rate(self) -> float:
@@ -273,11 +273,11 @@ class Support:
         middle, k1 alpha, or with beta < 0 at the barrier, -2 k1 alpha.
         """
         low, high = self.low, self.high
-        softening = 2.0 * high[at.ALPHA] if low[at.BETA] < 0.0 else 0.0
-        k = float(high[at.K1] * max(-low[at.ALPHA], softening, 0.0))
+        softening = 2.0 * high[layout.ALPHA] if low[layout.BETA] < 0.0 else 0.0
+        k = float(high[layout.K1] * max(-low[layout.ALPHA], softening, 0.0))
         if k == 0.0:
             return 0.0
-        m1, m2, c, d = (float(low[row]) for row in (at.M1, at.M2, at.C, at.D))
+        m1, m2, c, d = (float(low[row]) for row in (layout.M1, layout.M2, layout.C, layout.D))
         dragged = max(2.0 * k / c, math.sqrt(2.0 * k / m2)) if c > 0.0 else math.inf
         inert = math.sqrt(k / m1) if m1 > 0.0 else math.inf
         return min(inert, k / d if d > 0.0 else math.inf, dragged)
@@ -285,13 +285,13 @@ class Support:
     @property
     def steepest(self) -> float:
         """The largest slope of the interface's force [N s/m], in stick or slip."""
-        high, vr = self.high, float(self.low[at.VR])
+        high, vr = self.high, float(self.low[layout.VR])
         if self.is_general:
             return self.interface_slopes[0]
         if vr == 0.0:
-            return float(high[at.C])
-        stick = plain(dry_friction.stick_slope)(float(high[at.MU1]), float(high[at.FN]), vr)
-        return float(max(stick, high[at.CHI]))
+            return float(high[layout.C])
+        stick = plain(dry_friction.stick_slope)(float(high[layout.MU1]), float(high[layout.FN]), vr)
+        return float(max(stick, high[layout.CHI]))
 
     def row_of(self, name: str) -> int:
         """Return the row of a dotted name, or raise `SceneError` with the nearest name."""
@@ -312,7 +312,10 @@ def fastest_oscillation(support: Support, amplitude: float = 0.0) -> float:
     """
     m1, m2, k1 = _fastest(support)
     k1 += (
-        0.75 * float(support.high[at.K1] * max(support.high[at.BETA], 0.0)) * amplitude * amplitude
+        0.75
+        * float(support.high[layout.K1] * max(support.high[layout.BETA], 0.0))
+        * amplitude
+        * amplitude
     )
     return math.sqrt(plain(bounds.largest_eigenvalue)(m1, m2, k1, support.stiffest))
 
@@ -324,17 +327,21 @@ def fastest_rate(support: Support) -> float:
     masses.
     """
     m1, m2, k1 = _fastest(support)
-    d, harmonics = float(support.high[at.D]), support.frequencies.max(initial=0.0)
+    d, harmonics = float(support.high[layout.D]), support.frequencies.max(initial=0.0)
     rate = plain(bounds.fastest_rate)(m1, m2, k1, support.stiffest, support.steepest, d)
     return float(max(rate, harmonics))
 
 
 def fastest_decay(support: Support) -> float:
     """Return the fastest rate [1/s] at which dampers and friction alone slow the masses down."""
-    m1, m2, d = float(support.low[at.M1]), float(support.low[at.M2]), float(support.high[at.D])
+    m1, m2, d = (
+        float(support.low[layout.M1]),
+        float(support.low[layout.M2]),
+        float(support.high[layout.D]),
+    )
     return float(plain(bounds.largest_eigenvalue)(m1, m2, d, support.steepest))
 
 
 def _fastest(support: Support) -> tuple[float, float, float]:
     """Return the least masses, and the largest stiffness of the carriage's spring."""
-    return float(support.low[at.M1]), float(support.low[at.M2]), support.outer_stiffness
+    return float(support.low[layout.M1]), float(support.low[layout.M2]), support.outer_stiffness

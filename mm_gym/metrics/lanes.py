@@ -9,7 +9,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.errors import SimulationError, refuse
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import springs
 from mm_gym.metrics.response import End, Totals
 from mm_gym.tuning import tune
@@ -54,7 +54,7 @@ class LaneResponse:
         self._values = _values_of(env)
         self._totals = Totals(self._values, is_between=env.plant.support.is_between)
         self._task = env.plant.task.copy()  # of an environment that shows accelerations
-        self._task[[at.IS_DERIVED, at.HAS_REACTIONS]] = 1.0
+        self._task[[layout.IS_DERIVED, layout.HAS_REACTIONS]] = 1.0
 
     def add(self, counts: NDArray[np.bool_] | None = None) -> None:
         """Add the control step that was just made, in the lanes of a mask (lanes,), or in all."""
@@ -65,14 +65,14 @@ class LaneResponse:
             allowed = f"booleans of shape ({env.num_envs},)"
             refuse("counts", f"{counts.dtype} of shape {counts.shape}", allowed, SimulationError)
         old = _spring_energy(before)
-        held = [at.FORCE, at.STRETCH, at.DAMPING, *env.plant.support.held_rows]
+        held = [layout.FORCE, layout.STRETCH, layout.DAMPING, *env.plant.support.held_rows]
         before[held] = after[held]
         jumps = np.where(counts, _spring_energy(before) - old, 0.0)
         model = env.plant.model
         for values in (before, after):
             env.plant.entries.derive(self._task, model, values, 0, env.num_envs)
         duration = np.where(counts, env.scene.control.time_step, 0.0)
-        self._totals.add(_end(before), _end(after), after[at.FORCE][:, None], duration[:, None])
+        self._totals.add(_end(before), _end(after), after[layout.FORCE][:, None], duration[:, None])
         self._totals.add_jumps(jumps[:, None])
         self._values = after
 
@@ -87,8 +87,8 @@ def _values_of(env: MovingMassVectorEnv) -> Array:
 
 def _spring_energy(values: Array) -> Array:
     """Return the energy [J] of the sphere's springs in each lane."""
-    energy, offset = plain(springs.spring_energy), values[at.X2] - values[at.X1]
-    k0, l0, stretch = values[[at.K0, at.L0, at.STRETCH]]
+    energy, offset = plain(springs.spring_energy), values[layout.X2] - values[layout.X1]
+    k0, l0, stretch = values[[layout.K0, layout.L0, layout.STRETCH]]
     if not l0.any():  # all of a scene are of one kind
         return energy(k0, 0.0, stretch, offset)
     return np.array([energy(*lane) for lane in zip(k0, l0, stretch, offset, strict=True)])
@@ -97,9 +97,9 @@ def _spring_energy(values: Array) -> Array:
 def _end(values: Array) -> End:
     return End(
         values[:4, :, None],
-        values[at.CARRIAGE_ACCELERATION : at.SPHERE_ACCELERATION + 1, :, None],
-        values[at.GROUND_ACCELERATION][:, None],
-        values[at.D][:, None],
+        values[layout.CARRIAGE_ACCELERATION : layout.SPHERE_ACCELERATION + 1, :, None],
+        values[layout.GROUND_ACCELERATION][:, None],
+        values[layout.D][:, None],
     )
 
 
@@ -173,5 +173,5 @@ def _holding(env: MovingMassVectorEnv) -> Array:
         if name != "force" and actuator.command == "position":
             middle = 0.5 * (actuator.maximum + actuator.minimum)
             half = 0.5 * (actuator.maximum - actuator.minimum)
-            actions[:, k] = (values[at.APPLIED[name]] - middle) / half
+            actions[:, k] = (values[layout.APPLIED[name]] - middle) / half
     return actions

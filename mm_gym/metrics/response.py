@@ -9,7 +9,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring
 from mm_gym.scene.mechanics import GRAVITY
 
@@ -153,7 +153,7 @@ class Totals:
     """
 
     def __init__(self, parameters: Array, *, is_between: bool) -> None:
-        if not parameters[at.M1].all():
+        if not parameters[layout.M1].all():
             msg = "carriage.mass: 0 has no finite acceleration; give it some mass"
             raise SimulationError(msg)
         self._p, lanes, self._is_between = parameters, parameters.shape[1], is_between
@@ -175,10 +175,10 @@ class Totals:
         )
         counts, fastest = duration > 0.0, velocity.peak()
         first, last = start.acceleration[0], end.acceleration[0]
-        moved, speed, way = displacement, fastest, end.state[at.X1] - start.state[at.X1]
+        moved, speed, way = displacement, fastest, end.state[layout.X1] - start.state[layout.X1]
         if self._is_between:
             moved, speed = stroke, cubic(_slip(start), _slip(end), duration).peak()
-            way = way - (end.state[at.X2] - start.state[at.X2])
+            way = way - (end.state[layout.X2] - start.state[layout.X2])
         self._raise(
             counts,
             displacement=displacement.peak(),
@@ -219,7 +219,7 @@ class Totals:
         }
         return Response(
             duration=self._duration.copy(),
-            weight=(p[at.M1] + p[at.M2]) * GRAVITY,
+            weight=(p[layout.M1] + p[layout.M2]) * GRAVITY,
             **{f"peak_{name}": value.copy() for name, value in peaks.items()},
             **rms,
             **energies,
@@ -227,7 +227,7 @@ class Totals:
 
     def _smooth(self, end: End, control: Array) -> list[tuple[Array, Array]]:
         """Return value and rate of displacement, velocity, stroke and force on the base."""
-        k1, alpha, beta = (self._p[row][:, None] for row in (at.K1, at.ALPHA, at.BETA))
+        k1, alpha, beta = (self._p[row][:, None] for row in (layout.K1, layout.ALPHA, layout.BETA))
         d = end.damping
         x1, x2, v1, v2 = end.state
         relative = end.acceleration[0] - end.ground
@@ -249,4 +249,4 @@ class Totals:
 
 def _slip(end: End) -> tuple[Array, Array]:
     """Return the slip velocity [m/s] and its rate [m/s^2]."""
-    return end.state[at.V2] - end.state[at.V1], end.acceleration[1] - end.acceleration[0]
+    return end.state[layout.V2] - end.state[layout.V1], end.acceleration[1] - end.acceleration[0]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import SimulationError, refuse
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.metrics.response import End, Totals
 from mm_gym.simulation.energy.work import CHANGE, energy_jumps, spring_energy
 from mm_gym.simulation.recording import Place, excitation, states_at
@@ -69,7 +69,7 @@ def _stretch_jumps(recording: Recording, intervals: int) -> Array:
     """Return what changes of the stretch bring in [J] at the starts of so many intervals."""
     p, start = recording.parameters, recording.states[0]
     jumps = energy_jumps(recording, intervals - 1)[:, CHANGE]
-    stretches = np.array([p[at.STRETCH], recording.applied[0, 1]])
+    stretches = np.array([p[layout.STRETCH], recording.applied[0, 1]])
     jumps[0] += np.diff(spring_energy(p, start[1] - start[0], stretches))[0]
     return jumps
 
@@ -89,5 +89,5 @@ def _end(recording: Recording, rows: NDArray[np.intp], part: Array, *, first: bo
         np.ascontiguousarray(state[:, :4].T)[:, None],
         np.ascontiguousarray(absolute.T)[:, None],
         exciting[None, :, 1],
-        np.broadcast_to(own[at.D], (1, len(rows))),
+        np.broadcast_to(own[layout.D], (1, len(rows))),
     )

@@ -10,7 +10,7 @@ import numpy as np
 from mm_gym import methods
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError, SceneError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.dry_friction import write_regimes
 from mm_gym.law.hardening_springs import CUBIC
 from mm_gym.methods.support import MASSLESS
@@ -205,7 +205,7 @@ def _obstacles(support: Support) -> Iterator[str]:
     """Yield what no plant covers whatever is observed."""
     low, high = support.low, support.high
     obstacles = [method.obstacle(support) for method in methods.METHODS if MASSLESS in method.kinds]
-    if low[at.M1] == 0.0 and None not in obstacles:
+    if low[layout.M1] == 0.0 and None not in obstacles:
         yield f"carriage.mass: 0 {obstacles[0]}; a small mass has no such limit"
     growth = support.growth_rate * support.sample_interval * support.intervals_per_step
     if not growth <= MOST_GROWTH:
@@ -215,12 +215,12 @@ def _obstacles(support: Support) -> Iterator[str]:
             f"exp({MOST_GROWTH:g}), with a time_step of at most "
             f"{MOST_GROWTH / support.growth_rate:.3g} s"
         )
-    furthest = max(abs(support.start_low[at.X2]), abs(support.start_high[at.X2]))
-    if high[at.L0] > 0.0 and furthest >= low[at.STRETCH] * low[at.L0]:
+    furthest = max(abs(support.start_low[layout.X2]), abs(support.start_high[layout.X2]))
+    if high[layout.L0] > 0.0 and furthest >= low[layout.STRETCH] * low[layout.L0]:
         yield (
             f"initial.sphere_offset: got up to {furthest:g} m; allowed: less than "
-            f"stretch * rest_length = {low[at.STRETCH] * low[at.L0]:g} m, where a spring of finite "
-            "stretch has length 0"
+            f"stretch * rest_length = {low[layout.STRETCH] * low[layout.L0]:g} m, where a spring "
+            "of finite stretch has length 0"
         )
 
 
@@ -232,16 +232,16 @@ def _cancellation(scene: Scene, support: Support) -> Iterator[str]:
     w v.
     """
     low, high = support.low, support.high
-    if low[at.M1] == 0.0 or "carriage_acceleration" not in scene.sensors.channels:
+    if low[layout.M1] == 0.0 or "carriage_acceleration" not in scene.sensors.channels:
         return
-    slow = np.sqrt(low[at.K1] / (high[at.M1] + high[at.M2]))
+    slow = np.sqrt(low[layout.K1] / (high[layout.M1] + high[layout.M2]))
     stiffness = support.outer_stiffness + support.stiffest
-    resistance = high[at.D] + support.steepest + stiffness / slow
+    resistance = high[layout.D] + support.steepest + stiffness / slow
     lightest = 2.0**-52 * resistance / (slow * ACCELERATION_ERROR)
-    if low[at.M1] < lightest:
+    if low[layout.M1] < lightest:
         yield (
             "sensors.channels: carriage_acceleration is the difference of forces that cancel, and "
-            f"round-off leaves less than 6 digits of it at carriage.mass = {low[at.M1]:g} kg; "
+            f"round-off leaves less than 6 digits of it at carriage.mass = {low[layout.M1]:g} kg; "
             f"allowed: a carriage.mass of at least {lightest:.2g} kg"
         )
 

@@ -14,7 +14,7 @@ from mm_gym.errors import CompileError, SceneError
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process, noise, record
 from mm_gym.excitation import kinds as kernels
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.records import read_record
 from mm_gym.records.spectrum import peak_responses
 from mm_gym.scene.excitation import Recorded, Sampled
@@ -363,8 +363,12 @@ BUTTERWORTH = {noise.LOW_PASS_DAMPING: sqrt(0.5), noise.HIGH_PASS_DAMPING: sqrt(
 
 KINDS: dict[str, Kind[Any]] = {
     "harmonic": Kind(
-        fields={"amplitude": at.AMPLITUDE, "frequency": at.FREQUENCY, "phase": at.PHASE},
-        rows=at.HARMONIC_ROWS,
+        fields={
+            "amplitude": layout.AMPLITUDE,
+            "frequency": layout.FREQUENCY,
+            "phase": layout.PHASE,
+        },
+        rows=layout.HARMONIC_ROWS,
     ),
     "sweep": Kind(
         fields={
@@ -504,9 +508,9 @@ def lay_out(scene: Scene, rate: float, turn: float = inf) -> Layout:
     terms = max((placed.kind.terms for placed in parts), default=0)
     terms = max(terms, record.TERMS) if has_corners else terms
     harmonics = sum(placed.kind.code == HARMONIC for placed in parts)
-    jets = at.HARMONICS + at.HARMONIC_ROWS * harmonics
+    jets = layout.HARMONICS + layout.HARMONIC_ROWS * harmonics
     # Harmonics stand before the jets, all other parts behind them.
-    free = {True: at.HARMONICS, False: jets + 2 * terms}
+    free = {True: layout.HARMONICS, False: jets + 2 * terms}
     for k, placed in enumerate(parts):
         is_harmonic = placed.kind.code == HARMONIC
         parts[k] = replace(placed, first=free[is_harmonic])

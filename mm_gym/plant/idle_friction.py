@@ -9,7 +9,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-FRICTION = (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
+FRICTION = (layout.MU1, layout.MU2, layout.VR, layout.CHI, layout.FN)
 """Rows of the parameters of dry friction."""
 
 
@@ -32,17 +32,24 @@ def without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tupl
     )
     fixed = all(support.fixed(row) for row in FRICTION)
     asked = scene.solver.method == "switched"
-    if not support.slips or driven or asked or not fixed or high[at.L0] > 0.0 or low[at.M1] == 0.0:
+    if (
+        not support.slips
+        or driven
+        or asked
+        or not fixed
+        or high[layout.L0] > 0.0
+        or low[layout.M1] == 0.0
+    ):
         return support, ()
-    fastest, vr = _fastest_slip(support), low[at.VR]
+    fastest, vr = _fastest_slip(support), low[layout.VR]
     if not fastest < vr:
         return support, ()
-    damping = plain(dry_friction.stick_slope)(low[at.MU1], low[at.FN], vr)
+    damping = plain(dry_friction.stick_slope)(low[layout.MU1], low[layout.FN], vr)
     arrays: dict[str, NDArray[np.float64]] = {}
     for name in ("start_low", "start_high", "low", "high"):
         arrays[name] = getattr(support, name).copy()
         arrays[name][list(FRICTION)] = 0.0
-        arrays[name][at.C] = damping
+        arrays[name][layout.C] = damping
     reason = (
         f"dry friction never slips: by its energy |w| <= {fastest:.3g} m/s, below "
         f"interface.reference_velocity = {vr:g} m/s, so it is viscous with {damping:.6g} N s/m"
@@ -70,7 +77,7 @@ def require_stick(support: Support, values: Array, where: str) -> None:
     limit = support.idle_velocity
     if limit == np.inf:
         return
-    rows = (at.M1, at.M2, at.K1, at.ALPHA, at.BETA, at.K0, at.STRETCH)
+    rows = (layout.M1, layout.M2, layout.K1, layout.ALPHA, layout.BETA, layout.K0, layout.STRETCH)
     m1, m2, k1, alpha, beta, k0, stretch = (values[row] for row in rows)
     x1, x2, v1, v2 = values[:4]
     with np.errstate(over="ignore"):
@@ -103,11 +110,13 @@ def _fastest_slip(support: Support) -> float:
     x1, offset, v1, v2 = (
         max(abs(support.start_low[row]), abs(support.start_high[row])) for row in range(4)
     )
-    twice = high[at.M1] * v1**2 + high[at.M2] * v2**2 + support.stiffest * offset**2
-    twice += high[at.K1] * max(0.0, high[at.ALPHA] * x1**2 + 0.5 * high[at.BETA] * x1**4)
-    alpha, beta = low[at.ALPHA], low[at.BETA]
+    twice = high[layout.M1] * v1**2 + high[layout.M2] * v2**2 + support.stiffest * offset**2
+    twice += high[layout.K1] * max(
+        0.0, high[layout.ALPHA] * x1**2 + 0.5 * high[layout.BETA] * x1**4
+    )
+    alpha, beta = low[layout.ALPHA], low[layout.BETA]
     if beta < 0.0 or (alpha < 0.0 and beta == 0.0):
         return np.inf
     if alpha < 0.0:
-        twice += 0.5 * high[at.K1] * alpha**2 / beta  # the depth of the wells, below the middle
-    return float(_slip_of(twice, low[at.M1], low[at.M2]))
+        twice += 0.5 * high[layout.K1] * alpha**2 / beta  # the depth of the wells, below the middle
+    return float(_slip_of(twice, low[layout.M1], low[layout.M2]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from mm_gym.errors import ActionError, CompileError, SceneError
 from mm_gym.excitation.kinds import begin_excitation
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.support import MASSLESS
 from mm_gym.plant.idle_friction import require_stick
 from mm_gym.plant.point import lane_at, require_parameters
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-FOLLOWED_OF_HARMONICS = (at.AMPLITUDE, at.FREQUENCY, at.PHASE)
+FOLLOWED_OF_HARMONICS = (layout.AMPLITUDE, layout.FREQUENCY, layout.PHASE)
 
 
 def jacobian_of(
@@ -77,11 +77,13 @@ def _followed_row(support: Support, name: str) -> int:
     if support.kind == MASSLESS:
         msg = "parameters: a carriage without mass has derivatives of state and action only"
         raise CompileError(msg)
-    harmonic, own = divmod(row - at.HARMONICS, at.HARMONIC_ROWS)
+    harmonic, own = divmod(row - layout.HARMONICS, layout.HARMONIC_ROWS)
     is_harmonic = 0 <= harmonic < len(support.ground) and own in FOLLOWED_OF_HARMONICS
-    is_moved = row == at.STRETCH and not support.fixed(row)
+    is_moved = row == layout.STRETCH and not support.fixed(row)
     follows = {followed for followed, _, _ in support.products}
-    is_idle = row in (at.MU1, at.MU2, at.VR, at.CHI, at.FN) and not support.slips
+    is_idle = (
+        row in (layout.MU1, layout.MU2, layout.VR, layout.CHI, layout.FN) and not support.slips
+    )
     if (
         is_harmonic
         or row in support.interface_rows
@@ -117,7 +119,7 @@ def _lanes(
             begin_excitation(model, lanes, streams, which, 0, 1)
     else:
         given = np.asarray(place, np.float64)
-        lanes[: at.DAMPING + 1, 0] = given[: at.DAMPING + 1]
+        lanes[: layout.DAMPING + 1, 0] = given[: layout.DAMPING + 1]
     return lanes, streams, False
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError, SceneError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring, dry_friction, springs
 from mm_gym.state_space.equations import state_space, values_of
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
@@ -102,7 +102,7 @@ def interface_slopes(support: Support, row: Array) -> InterfaceSlopes:
     if not support.is_general:
         return InterfaceSlopes()
     found, interface = np.zeros((4, 6)), support.interface
-    point = np.array([row[at.X2] - row[at.X1], row[at.V2] - row[at.V1], 0.0, 0.0])
+    point = np.array([row[layout.X2] - row[layout.X1], row[layout.V2] - row[layout.V1], 0.0, 0.0])
     rows = support.interface_rows
     held = rows.index(support.damped_row) if support.damped_row in rows else -1
     _slopes_with(interface)(row[list(rows)], held, point, found)
@@ -154,23 +154,23 @@ def tangent(support: Support, row: Array) -> Tangent:
     CompileError
         If the carriage has no mass.
     """
-    if row[at.M1] == 0.0:
+    if row[layout.M1] == 0.0:
         msg = "carriage.mass: 0 leaves three states; state_space needs some mass"
         raise CompileError(msg)
     x1, x2, v1, v2 = (float(value) for value in row[:4])
     offset, w = x2 - x1, v2 - v1
     values = values_of(row)
     link = interface_slopes(support, row)
-    beta, vr = float(row[at.BETA]), float(row[at.VR])
+    beta, vr = float(row[layout.BETA]), float(row[layout.VR])
     over_offset, over_stretch = _spring_slopes(row, offset)
-    if row[at.L0] > 0.0:
+    if row[layout.L0] > 0.0:
         values["k2"] = Decimal(over_offset)
     if vr > 0.0 and abs(w) > vr:
-        values["c"] = Decimal(float(row[at.CHI]))
+        values["c"] = Decimal(float(row[layout.CHI]))
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         values["c"] += Decimal(link.damping)
         values["k2"] += Decimal(link.stiffness)
-        k1 = Decimal(float(row[at.K1]))
+        k1 = Decimal(float(row[layout.K1]))
         values["k1"] += 3 * k1 * Decimal(beta) * Decimal(x1) ** 2  # the slope of (1)
         system = state_space(values)
         m1, m2 = values["m1"], values["m2"]
@@ -182,7 +182,7 @@ def tangent(support: Support, row: Array) -> Tangent:
         one = np.array([Decimal(value) for value in moving])
         control = system.control(is_between=support.is_between)
         # The slope of c w, of -d v1, or of the interface's force, over what is actuated.
-        speeds = {at.D: (system.force, -v1), at.C: (system.pair, w)}
+        speeds = {layout.D: (system.force, -v1), layout.C: (system.pair, w)}
         column, speed = speeds.get(support.damped_row, (system.pair, link.over_held))
         held = {support.device: column * Decimal(speed)}
         devices = [held.get(name, 0 * column) for name in ("damping", "voltage")]
@@ -193,7 +193,7 @@ def tangent(support: Support, row: Array) -> Tangent:
 
 def _spring_slopes(row: Array, offset: float) -> tuple[float, float]:
     """Return the slopes of the springs' force over the offset [N/m] and over the stretch [N]."""
-    k0, l0, stretch = (float(row[k]) for k in (at.K0, at.L0, at.STRETCH))
+    k0, l0, stretch = (float(row[k]) for k in (layout.K0, layout.L0, layout.STRETCH))
     if l0 == 0.0:  # (5)
         return float(plain(springs.stiffness)(k0, stretch)), -12.0 * k0 * offset / stretch**4
     square = (offset / l0) ** 2
@@ -207,10 +207,12 @@ def _spring_slopes(row: Array, offset: float) -> tuple[float, float]:
 def _forces(row: Array, link: float) -> tuple[tuple[float, float], float]:
     """Return the forces [N] on both masses at the point, and the springs' on the carriage."""
     x1, x2, v1, v2 = (float(value) for value in row[:4])
-    k0, l0, stretch = (float(row[k]) for k in (at.K0, at.L0, at.STRETCH))
+    k0, l0, stretch = (float(row[k]) for k in (layout.K0, layout.L0, layout.STRETCH))
     held = float(plain(springs.spring_force)(k0, l0, stretch, x2 - x1))
-    c, vr, kinetic, chi = (float(row[k]) for k in (at.C, at.VR, at.KINETIC_FORCE, at.CHI))
+    c, vr, kinetic, chi = (
+        float(row[k]) for k in (layout.C, layout.VR, layout.KINETIC_FORCE, layout.CHI)
+    )
     inner = float(plain(dry_friction.interface_force)(c, vr, kinetic, chi, v2 - v1)) + link + held
-    k1, alpha, beta, d = (float(row[k]) for k in (at.K1, at.ALPHA, at.BETA, at.D))
+    k1, alpha, beta, d = (float(row[k]) for k in (layout.K1, layout.ALPHA, layout.BETA, layout.D))
     outer = -d * v1 - float(plain(carriage_spring.carriage_force)(k1, alpha, beta, x1))
     return (inner + outer, -inner), held

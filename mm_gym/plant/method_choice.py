@@ -52,7 +52,7 @@ from typing import TYPE_CHECKING
 
 from mm_gym import methods
 from mm_gym.errors import CompileError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.support import MASSLESS
 
 if TYPE_CHECKING:
@@ -146,24 +146,24 @@ def _before(chosen: Method) -> tuple[Method, ...]:
 
 def _nonlinearities(support: Support) -> list[str]:
     reasons: list[str] = []
-    low, high = support.low[at.BETA], support.high[at.BETA]
+    low, high = support.low[layout.BETA], support.high[layout.BETA]
     if support.is_cubic:
         furthest = low if -low > high else high
         reasons.append(f"carriage.cubic_coefficient reaches {furthest:g} 1/m^2")
-    if support.high[at.L0] > 0.0:
+    if support.high[layout.L0] > 0.0:
         reasons.append("springs of finite stretch")
     return reasons
 
 
 def _instability(support: Support) -> list[str]:
     """Return where the carriage has no stable rest, as far as its spring tells."""
-    (alpha, beta), place = support.low[[at.ALPHA, at.BETA]], "|x1| = sqrt(-alpha / beta)"
+    (alpha, beta), place = support.low[[layout.ALPHA, layout.BETA]], "|x1| = sqrt(-alpha / beta)"
     reasons: list[str] = []
     if alpha < 0.0:
         start = f"carriage.linear_coefficient reaches {alpha:g}, so that x1 = 0 is unstable"
         ends = f"the spring has two wells, at {place}" if beta > 0.0 else "motions may grow forever"
         reasons.append(f"{start} and {ends}")
-    if beta < 0.0 < support.high[at.ALPHA]:
+    if beta < 0.0 < support.high[layout.ALPHA]:
         reasons.append(f"the carriage escapes beyond the barrier at {place}")
     return reasons
 
@@ -174,13 +174,13 @@ def _friction(support: Support) -> list[str]:
     return [
         (
             "dry friction may slip faster than interface.reference_velocity = "
-            f"{support.low[at.VR]:g} m/s"
+            f"{support.low[layout.VR]:g} m/s"
         )
     ]
 
 
 def _coupling(support: Support) -> str:
-    joined = support.high[at.C] > 0.0 or support.high[at.K0] > 0.0
+    joined = support.high[layout.C] > 0.0 or support.high[layout.K0] > 0.0
     if joined:
         return "all forces are linear in the state"
     return "nothing joins the sphere to the carriage"
@@ -188,5 +188,5 @@ def _coupling(support: Support) -> str:
 
 def _moves(name: str, support: Support) -> str:
     row = support.names[name]
-    name = "the stretch" if row == at.STRETCH else name
+    name = "the stretch" if row == layout.STRETCH else name
     return f"{name} takes values from {support.low[row]:g} to {support.high[row]:g}"

@@ -11,7 +11,7 @@ import numpy as np
 
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.excitation.kinds import FIRST
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.springs import LINEAR
 from mm_gym.plant.linearise import values_about
 from mm_gym.plant.state_space import state_space_of
@@ -111,7 +111,7 @@ class Plant:
     @property
     def most_delay(self) -> int:
         """Largest delay of an episode in control steps."""
-        return int(self.task[at.MOST_DELAY]) if self.support.sensors_row else self.delay
+        return int(self.task[layout.MOST_DELAY]) if self.support.sensors_row else self.delay
 
     @property
     def records(self) -> dict[str, tuple[str, ...]]:
@@ -165,7 +165,7 @@ class Plant:
         `linear`; a carriage without mass is allowed.
         """
         row, is_between = self._middle(stretch), self.support.is_between
-        if row[at.M1] == 0.0:
+        if row[layout.M1] == 0.0:
             values = values_about(self.support, row)
             both = massless_transition(values, self.time_step, is_between=is_between)
         else:
@@ -176,7 +176,7 @@ class Plant:
     def system(self, stretch: float | None = None) -> StateSpace:
         """Return the linear equations about equilibrium in decimal arithmetic; see `linear`."""
         row = self._middle(stretch)
-        if row[at.M1] == 0.0:
+        if row[layout.M1] == 0.0:
             msg = "carriage.mass: 0 leaves three states, so there is no A (4, 4); use discrete()"
             raise CompileError(msg)
         return _equations(self.support, row)
@@ -305,38 +305,39 @@ class Plant:
         """
         derived = lanes.copy()
         if self.support.damped_row:
-            derived[self.support.damped_row] = derived[at.DAMPING]
+            derived[self.support.damped_row] = derived[layout.DAMPING]
         given = self.model if model is None else model
         self.entries.derive(self.task, given, derived, 0, lanes.shape[1])
-        slots = at.WEIGHT_CARRIAGE_ACCELERATION, at.WEIGHT_SPHERE_ACCELERATION
+        slots = layout.WEIGHT_CARRIAGE_ACCELERATION, layout.WEIGHT_SPHERE_ACCELERATION
         carriage, sphere = self.task[list(slots)]
-        sphere = sphere + self.task[at.WEIGHT_COUPLING_FORCE] * derived[at.M2] ** 2
+        sphere = sphere + self.task[layout.WEIGHT_COUPLING_FORCE] * derived[layout.M2] ** 2
         zero = np.zeros(lanes.shape[1])
         return np.stack(
             [
                 # Without mass the carriage's is not finite, and has no weight.
-                np.sqrt(carriage) * (derived[at.CARRIAGE_ACCELERATION] if carriage > 0.0 else zero),
-                np.sqrt(sphere) * derived[at.SPHERE_ACCELERATION],
+                np.sqrt(carriage)
+                * (derived[layout.CARRIAGE_ACCELERATION] if carriage > 0.0 else zero),
+                np.sqrt(sphere) * derived[layout.SPHERE_ACCELERATION],
             ]
         )
 
     @property
     def scores_reactions(self) -> bool:
         """Whether the objective weighs accelerations or the force between the masses."""
-        return bool(self.task[at.HAS_DERIVED_COST])
+        return bool(self.task[layout.HAS_DERIVED_COST])
 
     def _middle(self, stretch: float | None) -> NDArray[np.float64]:
         """Return the lane (rows,) with the middle of every range, and a stretch [-]."""
         middle = self.support.middle
-        middle[at.X1 : at.V2 + 1] = 0.0
+        middle[layout.X1 : layout.V2 + 1] = 0.0
         if stretch is not None:
             if not 1.0 <= stretch < np.inf:
                 msg = f"stretch: got {stretch!r}; allowed: a finite number of at least 1"
                 raise SceneError(msg)
-            if middle[at.STRETCH] == LINEAR:
+            if middle[layout.STRETCH] == LINEAR:
                 msg = "stretch: springs.kind = 'linear' has no stretch; leave it out"
                 raise SceneError(msg)
-            middle[at.STRETCH] = stretch
+            middle[layout.STRETCH] = stretch
         return middle
 
     def at_interval(self, interval: float) -> Plant:

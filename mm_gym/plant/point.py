@@ -8,7 +8,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.dry_friction import REGIMES_WRITTEN, write_regimes
 from mm_gym.plant.idle_friction import REMEDY
 
@@ -44,15 +44,18 @@ def lane_at(
         row = _numbers("at", values, len(support.start_low))
         require_parameters(support, row[:, None])
     row[:4] = 0.0 if about is None else _numbers("about", about, 4)
-    row[at.FORCE] = 0.0
+    row[layout.FORCE] = 0.0
     if support.damped_row:
-        row[support.damped_row] = row[at.DAMPING]
-    if row[at.L0] > 0.0 and abs(row[at.X2] - row[at.X1]) >= row[at.STRETCH] * row[at.L0]:
-        furthest, got = row[at.STRETCH] * row[at.L0], row[at.X2] - row[at.X1]
+        row[support.damped_row] = row[layout.DAMPING]
+    if (
+        row[layout.L0] > 0.0
+        and abs(row[layout.X2] - row[layout.X1]) >= row[layout.STRETCH] * row[layout.L0]
+    ):
+        furthest, got = row[layout.STRETCH] * row[layout.L0], row[layout.X2] - row[layout.X1]
         msg = f"about: got a relative displacement of {got:g} m; allowed: below {furthest:g}"
         raise SceneError(msg)
     plain(write_regimes)(row[:, None], 0, 1)
-    slip = abs(row[at.V2] - row[at.V1])
+    slip = abs(row[layout.V2] - row[layout.V1])
     if slip > support.idle_velocity:
         msg = (
             f"about: got a slip velocity of {slip:g} m/s; allowed: at most "
@@ -83,7 +86,7 @@ def require_parameters(support: Support, values: Array) -> None:
 
 def _value(support: Support, name: str, value: object) -> float:
     row = support.row_of(name)
-    if row < at.FORCE:
+    if row < layout.FORCE:
         msg = f"at.{name}: state the point by about = (x1, x2, v1, v2)"
         raise SceneError(msg)
     low, high = float(support.low[row]), float(support.high[row])
@@ -99,7 +102,7 @@ def _numbers(what: str, values: object, size: int) -> Array:
     if array.dtype.kind not in "fiu" or array.shape != (size,):
         msg = f"{what}: got shape {array.shape} of {array.dtype}; allowed: ({size},) numbers"
         raise SceneError(msg)
-    if not np.isfinite(array[: at.HARMONICS]).all():  # a plateau behind them may be endless
+    if not np.isfinite(array[: layout.HARMONICS]).all():  # a plateau behind them may be endless
         msg = f"{what}: got NaN or infinity; allowed: finite numbers"
         raise SceneError(msg)
     return array.astype(np.float64)

@@ -14,7 +14,7 @@ from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process as process
 from mm_gym.excitation import kinds as kernels
 from mm_gym.excitation import noise
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.plant.linearise import DRIVERS, Tangent, tangent
 from mm_gym.plant.point import lane_at
 from mm_gym.state_space.linear_system import LinearSystem, Signal
@@ -52,7 +52,7 @@ SEES: dict[str, tuple[str, ...]] = {
 }
 """Channels that change at once with what an actuator applies."""
 
-POINTS = {name: row for name, row in at.APPLIED.items() if name != "force"}
+POINTS = {name: row for name, row in layout.APPLIED.items() if name != "force"}
 """Rows of the inputs that are not 0 at the point."""
 
 SHOWN = {
@@ -119,10 +119,10 @@ def sources_of(support: Support, row: Array) -> list[Source]:
     """Return the harmonics and then the filters of a lane (rows,), while the envelope is 1."""
     found: list[Source] = []
     for j, ground in enumerate(support.ground):
-        first = at.HARMONICS + at.HARMONIC_ROWS * j
-        name = next(n for n, r in support.names.items() if r == first + at.FREQUENCY)
-        name, output = name.rpartition(".")[0], np.array([0.0, row[first + at.AMPLITUDE]])
-        turn = row[first + at.FREQUENCY] * np.array([[0.0, -1.0], [1.0, 0.0]])
+        first = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        name = next(n for n, r in support.names.items() if r == first + layout.FREQUENCY)
+        name, output = name.rpartition(".")[0], np.array([0.0, row[first + layout.AMPLITUDE]])
+        turn = row[first + layout.FREQUENCY] * np.array([[0.0, -1.0], [1.0, 0.0]])
         names, driver = (f"{name}.cosine", f"{name}.sine"), GROUND if ground else DISTURBANCE
         known = turn, np.zeros((2, 2)), output, output, np.empty((0, 0)), np.empty((0, 0))
         found.append(Source(names, driver, *known))
@@ -247,8 +247,11 @@ class Parts:
     def lags(self) -> dict[str, float]:
         """Actuator -> the fraction of the way to a command that it goes in a control step [-]."""
         task = self.plant.task
-        of_device = float(task[at.DAMPING_LAG_FACTOR])
-        force, stretch = float(task[at.FORCE_LAG_FACTOR]), float(task[at.STRETCH_LAG_FACTOR])
+        of_device = float(task[layout.DAMPING_LAG_FACTOR])
+        force, stretch = (
+            float(task[layout.FORCE_LAG_FACTOR]),
+            float(task[layout.STRETCH_LAG_FACTOR]),
+        )
         return {"force": force, "stretch": stretch, "damping": of_device, "voltage": of_device}
 
     @property
@@ -320,7 +323,7 @@ def _output(parts: Parts, drivers: Array, name: str) -> tuple[Array, dict[str, f
     if channel.row < 4:  # noqa: PLR2004 - one of the state, or a difference
         motion[channel.row] = 1.0
         point = float(row[channel.row])
-        if channel.subtracted != at.NO_ROW:
+        if channel.subtracted != layout.NO_ROW:
             motion[channel.subtracted] = -1.0
             point -= float(row[channel.subtracted])
         return motion, {}, point

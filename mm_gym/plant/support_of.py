@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.excitation.sources import LONGEST_TURN
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import INTERFACES
 from mm_gym.law.hardening_springs import CUBIC, LINES, with_hardening_springs
 from mm_gym.law.interface import LINE
@@ -24,33 +24,33 @@ if TYPE_CHECKING:
     from mm_gym.scene.scene import NumberOrRange, Scene
 
 ROWS: dict[str, int] = {
-    "initial.carriage_displacement": at.X1,
-    "initial.sphere_offset": at.X2,
-    "initial.carriage_velocity": at.V1,
-    "initial.sphere_velocity": at.V2,
-    "initial.stretch": at.STRETCH,
-    "carriage.mass": at.M1,
-    "carriage.stiffness": at.K1,
-    "carriage.damping": at.D,
-    "carriage.linear_coefficient": at.ALPHA,
-    "carriage.cubic_coefficient": at.BETA,
-    "sphere.mass": at.M2,
-    "interface.damping": at.C,
-    "interface.static_coefficient": at.MU1,
-    "interface.kinetic_coefficient": at.MU2,
-    "interface.reference_velocity": at.VR,
-    "interface.slip_damping": at.CHI,
-    "interface.normal_force": at.FN,
-    "springs.stiffness": at.K0,
-    "springs.stretch": at.STRETCH,
-    "springs.rest_length": at.L0,
+    "initial.carriage_displacement": layout.X1,
+    "initial.sphere_offset": layout.X2,
+    "initial.carriage_velocity": layout.V1,
+    "initial.sphere_velocity": layout.V2,
+    "initial.stretch": layout.STRETCH,
+    "carriage.mass": layout.M1,
+    "carriage.stiffness": layout.K1,
+    "carriage.damping": layout.D,
+    "carriage.linear_coefficient": layout.ALPHA,
+    "carriage.cubic_coefficient": layout.BETA,
+    "sphere.mass": layout.M2,
+    "interface.damping": layout.C,
+    "interface.static_coefficient": layout.MU1,
+    "interface.kinetic_coefficient": layout.MU2,
+    "interface.reference_velocity": layout.VR,
+    "interface.slip_damping": layout.CHI,
+    "interface.normal_force": layout.FN,
+    "springs.stiffness": layout.K0,
+    "springs.stretch": layout.STRETCH,
+    "springs.rest_length": layout.L0,
 }
 """Field -> its row of a lane; `mm_gym.plant.excitation` has those of the excitation."""
 
 FIXED_STRETCH = {"none": 1.0, "linear": LINEAR}
 """Stretch of springs that have none: kernels divide by it, also where their stiffness is 0."""
 
-CONSTANT = (at.FORCE, at.STRETCH, at.DAMPING, *range(at.M1, at.L0 + 1))
+CONSTANT = (layout.FORCE, layout.STRETCH, layout.DAMPING, *range(layout.M1, layout.L0 + 1))
 """Rows of what the actuators apply, and of the physical parameters."""
 
 
@@ -72,44 +72,44 @@ def support_of(scene: Scene) -> Support:
     # A general plant has one method, so fast harmonics divide its control step.
     turn = math.inf if interface is LINE else LONGEST_TURN
     stiffness = {n: value for n, value in values.items() if n == "springs.stiffness"}
-    layout = lay_out(scene, _rate(scene, others | stiffness), turn)
+    excitation = lay_out(scene, _rate(scene, others | stiffness), turn)
     rows = {name: ROWS[name] for name in others}
-    rows |= layout.names
-    ratios = {name: layout.size + k for k, name in enumerate(scene.drawn_ratios)}
-    first = layout.size + len(ratios) + len(interface.states)
+    rows |= excitation.names
+    ratios = {name: excitation.size + k for k, name in enumerate(scene.drawn_ratios)}
+    first = excitation.size + len(ratios) + len(interface.states)
     own_rows = {name: first + k for k, name in enumerate(own)}
     rows |= own_rows
     damper, damped = scene.actuation.device, scene.actuation.damped
     damped_row = 0 if damped is None else rows[damped]
     if damped is not None:
-        rows[damped] = at.DAMPING
+        rows[damped] = layout.DAMPING
     instruments = instruments_of(scene, first + len(own))
     rows |= instruments.names
     low, high = np.zeros(instruments.size), np.zeros(instruments.size)
     stated = [(rows[name], value) for name, value in values.items() if name in rows]
     drawn = [(row, scene.randomization[name]) for name, row in ratios.items()]
-    for row, value in [*stated, *layout.values.items(), *drawn, *instruments.values.items()]:
+    for row, value in [*stated, *excitation.values.items(), *drawn, *instruments.values.items()]:
         low[row], high[row] = bounds(value)
     if scene.springs.kind in FIXED_STRETCH:
-        low[at.STRETCH] = high[at.STRETCH] = FIXED_STRETCH[scene.springs.kind]
-    sample_interval = scene.control.time_step / layout.intervals_per_step
-    for placed in layout.parts:
-        placed.kind.prepare(placed, layout.description, sample_interval)
+        low[layout.STRETCH] = high[layout.STRETCH] = FIXED_STRETCH[scene.springs.kind]
+    sample_interval = scene.control.time_step / excitation.intervals_per_step
+    for placed in excitation.parts:
+        placed.kind.prepare(placed, excitation.description, sample_interval)
     if damper is not None:  # row DAMPING is drawn, the other one follows
-        low[damped_row] = high[damped_row] = low[at.DAMPING]
+        low[damped_row] = high[damped_row] = low[layout.DAMPING]
     start_low, start_high = low.copy(), high.copy()
     # Whole numbers are drawn from [low, high + 1), and rounded down.
     start_high[instruments.whole] += low[instruments.whole] < high[instruments.whole]
-    for name in layout.records:
+    for name in excitation.records:
         high[rows[f"{name}.{NUMBER}"]] -= 1.0
     if damper is not None:
-        low[[at.DAMPING, damped_row]] = damper.minimum
-        high[[at.DAMPING, damped_row]] = damper.maximum
+        low[[layout.DAMPING, damped_row]] = damper.minimum
+        high[[layout.DAMPING, damped_row]] = damper.maximum
     if scene.actuation.force is not None:
-        high[at.FORCE] = scene.actuation.force.limit
-        low[at.FORCE] = -high[at.FORCE]
+        high[layout.FORCE] = scene.actuation.force.limit
+        low[layout.FORCE] = -high[layout.FORCE]
     if scene.actuation.stretch is not None:
-        low[at.STRETCH], high[at.STRETCH] = (
+        low[layout.STRETCH], high[layout.STRETCH] = (
             scene.actuation.stretch.minimum,
             scene.actuation.stretch.maximum,
         )
@@ -119,24 +119,24 @@ def support_of(scene: Scene) -> Support:
         low=low,
         high=high,
         names=rows | ratios,
-        ground=layout.ground,
+        ground=excitation.ground,
         sample_interval=sample_interval,
-        intervals_per_step=layout.intervals_per_step,
+        intervals_per_step=excitation.intervals_per_step,
         parameters=(
-            *(*CONSTANT, *layout.values, *ratios.values(), *own_rows.values()),
+            *(*CONSTANT, *excitation.values, *ratios.values(), *own_rows.values()),
             *instruments.values,
         ),
         products=tuple(
             (rows[field], ratios[name], rows[of])
             for name, (field, of) in scene.drawn_ratios.items()
         ),
-        jets=layout.jets,
-        terms=layout.terms,
-        excitation=layout.description,
+        jets=excitation.jets,
+        terms=excitation.terms,
+        excitation=excitation.description,
         interface=interface,
         interface_row=first if own else 0,
         is_between=scene.actuation.is_between,
-        records=layout.records,
+        records=excitation.records,
         damped_row=damped_row,
         sensors_row=instruments.sensors,
         actuator_rows=instruments.actuators,
@@ -158,16 +158,16 @@ def _interface(scene: Scene) -> Interface:
 
 def _rate(scene: Scene, values: dict[str, NumberOrRange]) -> float:
     """Return the fastest rate of the plant [1/s], but for dry friction and nonlinear springs."""
-    low, high = np.zeros(at.HARMONICS), np.zeros(at.HARMONICS)
-    low[at.STRETCH] = FIXED_STRETCH.get(scene.springs.kind, 1.0)
+    low, high = np.zeros(layout.HARMONICS), np.zeros(layout.HARMONICS)
+    low[layout.STRETCH] = FIXED_STRETCH.get(scene.springs.kind, 1.0)
     for name, value in values.items():
         low[ROWS[name]], high[ROWS[name]] = bounds(value)
     if scene.actuation.stretch is not None:
-        low[at.STRETCH] = scene.actuation.stretch.minimum
+        low[layout.STRETCH] = scene.actuation.stretch.minimum
     damper, damped = scene.actuation.device, scene.actuation.damped
     if damper is not None and damped in values:
         low[ROWS[damped]], high[ROWS[damped]] = damper.minimum, damper.maximum
-    low[at.VR] = high[at.VR] = 0.0  # friction is propagated from corner to corner
+    low[layout.VR] = high[layout.VR] = 0.0  # friction is propagated from corner to corner
     support = Support(
         start_low=low,
         start_high=high,
@@ -183,12 +183,12 @@ def _rate(scene: Scene, values: dict[str, NumberOrRange]) -> float:
         terms=0,
         excitation=np.zeros(1),
     )
-    if low[at.M1] > 0.0:
+    if low[layout.M1] > 0.0:
         return fastest_rate(support)
     # Without inertia the carriage follows at (k1 + k2) / (c + d), the sphere as if on a held one.
-    damping = low[at.C] + low[at.D]
+    damping = low[layout.C] + low[layout.D]
     stiffness = support.outer_stiffness + support.stiffest
-    held = np.sqrt(support.stiffest / low[at.M2]) + high[at.C] / low[at.M2]
+    held = np.sqrt(support.stiffest / low[layout.M2]) + high[layout.C] / low[layout.M2]
     follows = stiffness / damping if damping > 0.0 else 0.0  # no plant covers it without damping
     return float(follows + held)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mm_gym.excitation.kinds import FILTER, FIRST, KIND, OWN, SIZE
 from mm_gym.excitation.noise import PLACE
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.scene.actuators import ForceActuator
 from mm_gym.scene.scene import DELAY, bounds
 from mm_gym.step.channels import CHANNELS
@@ -68,36 +68,38 @@ def _observed(scene: Scene, name: str) -> Observed:
 def task_array(scene: Scene, support: Support) -> NDArray[np.float64]:
     """Return actuators, objective and channels in the slots of `mm_gym.lanes.layout`."""
     channels = observed(scene)
-    task = np.zeros(at.CHANNELS + at.CHANNEL_SIZE * len(channels))
+    task = np.zeros(layout.CHANNELS + layout.CHANNEL_SIZE * len(channels))
     _actuators(scene, task)
     _objective(scene, task)
-    task[at.CHANNEL_COUNT] = len(channels)
+    task[layout.CHANNEL_COUNT] = len(channels)
     for k, channel in enumerate(channels):
-        slots = task[at.CHANNELS + at.CHANNEL_SIZE * k :]
+        slots = task[layout.CHANNELS + layout.CHANNEL_SIZE * k :]
         row = CHANNELS[channel.name]
-        slots[at.SHOWN], slots[at.SUBTRACTED] = row.row, row.subtracted
-        slots[at.SCALE], slots[at.ZERO] = channel.factor, channel.zero
-        slots[at.NOISE] = channel.noise * channel.factor
+        slots[layout.SHOWN], slots[layout.SUBTRACTED] = row.row, row.subtracted
+        slots[layout.SCALE], slots[layout.ZERO] = channel.factor, channel.zero
+        slots[layout.NOISE] = channel.noise * channel.factor
     read = *(channel.name for channel in channels), *rewarded_channels(scene)
     rows = {CHANNELS[name].row for name in read}
-    task[at.IS_DERIVED] = not rows.isdisjoint(at.DERIVED)
+    task[layout.IS_DERIVED] = not rows.isdisjoint(layout.DERIVED)
     # The kernels derive a disturbance for itself only where a channel shows it.
-    task[at.HAS_REACTIONS] = not rows.isdisjoint(at.REACTIONS) or scene.own_reward is not None
+    task[layout.HAS_REACTIONS] = (
+        not rows.isdisjoint(layout.REACTIONS) or scene.own_reward is not None
+    )
     noisy = sum(channel.noise > 0.0 for channel in channels)
     drawn = noisy + noisy % 2  # normal numbers come in pairs
     sensors = support.sensors_row
     if sensors:
-        task[at.SENSORS_ROW], task[at.HISTORY] = sensors, scene.sensors.history
-        task[at.MOST_DELAY] = support.high[sensors + at.DELAY]
-        task[at.HAS_DROPOUT] = support.high[sensors + at.DROPOUT] > 0.0
-        drawn += 2 * (task[at.HAS_DROPOUT] > 0.0 and not drawn)  # frames must not have the same
-    task[at.TIME_STEP] = scene.control.time_step
-    slots = {"force": at.FORCE_ROW, "stretch": at.STRETCH_ROW}
+        task[layout.SENSORS_ROW], task[layout.HISTORY] = sensors, scene.sensors.history
+        task[layout.MOST_DELAY] = support.high[sensors + layout.DELAY]
+        task[layout.HAS_DROPOUT] = support.high[sensors + layout.DROPOUT] > 0.0
+        drawn += 2 * (task[layout.HAS_DROPOUT] > 0.0 and not drawn)  # frames must not have the same
+    task[layout.TIME_STEP] = scene.control.time_step
+    slots = {"force": layout.FORCE_ROW, "stretch": layout.STRETCH_ROW}
     for name, row in support.actuator_rows.items():
-        task[slots.get(name, at.DAMPING_ROW)] = row
+        task[slots.get(name, layout.DAMPING_ROW)] = row
     reserved = _reserved(support.excitation, drawn)
-    task[at.IS_NOISY] = noisy > 0
-    task[at.RESERVED], task[at.HAS_RESERVED_NOISE] = reserved, drawn <= reserved
+    task[layout.IS_NOISY] = noisy > 0
+    task[layout.RESERVED], task[layout.HAS_RESERVED_NOISE] = reserved, drawn <= reserved
     return task
 
 
@@ -129,9 +131,9 @@ def _reserved(excitation: NDArray[np.float64], drawn: int) -> int:
 
 
 def _actuators(scene: Scene, task: NDArray[np.float64]) -> None:
-    task[[at.FORCE_RATE, at.STRETCH_RATE, at.DAMPING_RATE]] = np.inf
-    task[[at.FORCE_LAG_FACTOR, at.STRETCH_LAG_FACTOR, at.DAMPING_LAG_FACTOR]] = 1.0
-    slots = {"force": at.HAS_FORCE, "stretch": at.HAS_STRETCH}
+    task[[layout.FORCE_RATE, layout.STRETCH_RATE, layout.DAMPING_RATE]] = np.inf
+    task[[layout.FORCE_LAG_FACTOR, layout.STRETCH_LAG_FACTOR, layout.DAMPING_LAG_FACTOR]] = 1.0
+    slots = {"force": layout.HAS_FORCE, "stretch": layout.HAS_STRETCH}
     for name, actuator in scene.actuation:
         if actuator is not None:
             is_force = isinstance(actuator, ForceActuator)
@@ -139,7 +141,7 @@ def _actuators(scene: Scene, task: NDArray[np.float64]) -> None:
             high = actuator.limit if is_force else actuator.maximum
             rate, lag_factor = rate_and_lag_factor(scene, name)
             values = 1.0, low, high, rate, actuator.command == "rate", lag_factor
-            first = slots.get(name, at.HAS_DAMPING)
+            first = slots.get(name, layout.HAS_DAMPING)
             task[first : first + len(values)] = values
 
 
@@ -157,26 +159,28 @@ def rate_and_lag_factor(scene: Scene, name: str) -> tuple[float, float]:
 
 def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
     objective = scene.objective
-    task[at.WEIGHT_DISPLACEMENT] = objective.displacement_weight / objective.displacement_scale**2
-    task[at.WEIGHT_VELOCITY] = objective.velocity_weight / objective.velocity_scale**2
-    task[at.WEIGHT_STROKE] = objective.stroke_weight / objective.stroke_scale**2
-    task[at.WEIGHT_EFFORT] = objective.effort_weight
+    task[layout.WEIGHT_DISPLACEMENT] = (
+        objective.displacement_weight / objective.displacement_scale**2
+    )
+    task[layout.WEIGHT_VELOCITY] = objective.velocity_weight / objective.velocity_scale**2
+    task[layout.WEIGHT_STROKE] = objective.stroke_weight / objective.stroke_scale**2
+    task[layout.WEIGHT_EFFORT] = objective.effort_weight
     derived = {
-        at.WEIGHT_CARRIAGE_ACCELERATION: "carriage_acceleration",
-        at.WEIGHT_SPHERE_ACCELERATION: "sphere_acceleration",
-        at.WEIGHT_COUPLING_FORCE: "coupling_force",
+        layout.WEIGHT_CARRIAGE_ACCELERATION: "carriage_acceleration",
+        layout.WEIGHT_SPHERE_ACCELERATION: "sphere_acceleration",
+        layout.WEIGHT_COUPLING_FORCE: "coupling_force",
     }
     for slot, name in derived.items():
         weight, scale = (getattr(objective, f"{name}_{what}") for what in ("weight", "scale"))
         task[slot] = weight / scale**2
-    task[at.HAS_DERIVED_COST] = scene.own_reward is None and bool(rewarded_channels(scene))
-    task[at.DISPLACEMENT_LIMIT] = (
+    task[layout.HAS_DERIVED_COST] = scene.own_reward is None and bool(rewarded_channels(scene))
+    task[layout.DISPLACEMENT_LIMIT] = (
         np.inf if objective.displacement_limit is None else objective.displacement_limit
     )
-    task[at.RAIL_LIMIT] = (
+    task[layout.RAIL_LIMIT] = (
         np.inf if objective.rail_half_length is None else objective.rail_half_length
     )
-    task[at.STEPS] = scene.control.steps
+    task[layout.STEPS] = scene.control.steps
 
 
 def scales(scene: Scene) -> dict[str, tuple[float, float]]:
@@ -244,23 +248,23 @@ def instruments_of(scene: Scene, first: int) -> Instruments:
     sensors, size = scene.sensors, first
     is_own = sensors.dropout or sensors.bias or is_drawn(scene, "sensors.")
     if is_own:
-        add(DELAY, size + at.DELAY, float(sensors.delay))
-        add("sensors.dropout", size + at.DROPOUT, sensors.dropout)
-        size += at.SENSORS_SIZE
+        add(DELAY, size + layout.DELAY, float(sensors.delay))
+        add("sensors.dropout", size + layout.DROPOUT, sensors.dropout)
+        size += layout.SENSORS_SIZE
         for channel in sensors.channels:
-            add(f"sensors.noise.{channel}", size + at.SPREAD, sensors.noise.get(channel, 0.0))
-            add(f"sensors.bias.{channel}", size + at.BIAS, sensors.bias.get(channel, 0.0))
-            size += at.ERRORS_SIZE
+            add(f"sensors.noise.{channel}", size + layout.SPREAD, sensors.noise.get(channel, 0.0))
+            add(f"sensors.bias.{channel}", size + layout.BIAS, sensors.bias.get(channel, 0.0))
+            size += layout.ERRORS_SIZE
     actuators: dict[str, int] = {}
     for name, actuator in scene.actuation:
         prefix = f"actuation.{name}."
         if actuator is None or not is_drawn(scene, prefix):
             continue
         actuators[name] = size
-        add(f"{prefix}lag", size + at.LAG, actuator.lag)
+        add(f"{prefix}lag", size + layout.LAG, actuator.lag)
         limit = np.inf if actuator.rate_limit is None else actuator.rate_limit
-        add(f"{prefix}rate_limit", size + at.RATE_LIMIT, limit)
-        size += at.ACTUATOR_SIZE
+        add(f"{prefix}rate_limit", size + layout.RATE_LIMIT, limit)
+        size += layout.ACTUATOR_SIZE
     return Instruments(names, values, first if is_own else 0, actuators, size)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import SimulationError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.support import fastest_oscillation
 from mm_gym.precision.oracle import Oracle
 from mm_gym.simulation.lanes import Lanes
@@ -117,11 +117,11 @@ def _limits(plant: Plant) -> dict[int, tuple[float, float]]:
     task = plant.task
     limits: dict[int, tuple[float, float]] = {}
     if "force" in plant.actuators:
-        limits[0] = -task[at.FORCE_LIMIT], task[at.FORCE_LIMIT]
+        limits[0] = -task[layout.FORCE_LIMIT], task[layout.FORCE_LIMIT]
     if "stretch" in plant.actuators:
-        limits[1] = task[at.STRETCH_LOW], task[at.STRETCH_HIGH]
+        limits[1] = task[layout.STRETCH_LOW], task[layout.STRETCH_HIGH]
     if plant.support.device:
-        limits[2] = task[at.DAMPING_LOW], task[at.DAMPING_HIGH]
+        limits[2] = task[layout.DAMPING_LOW], task[layout.DAMPING_HIGH]
     return limits
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from mm_gym import methods
 from mm_gym.errors import CompileError, SimulationError, refuse
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.support import PHYSICAL
 from mm_gym.plant.compile import compile_scene
 from mm_gym.precision.episode import episodes_of, truth_of
@@ -161,8 +161,8 @@ def _end(recording: Recording, n: int) -> NDArray[np.float64]:
     plant, lane = recording.plant, lane_at(recording, n)
     interval = n % plant.support.intervals_per_step
     status = plant.entries.cross(plant.model, lane, interval, 0, 1)
-    if status > at.ENDED:
-        raise SimulationError(at.MESSAGES[status])
+    if status > layout.ENDED:
+        raise SimulationError(layout.MESSAGES[status])
     return lane[:4, 0]
 
 
@@ -181,7 +181,7 @@ def _stopwatch(plant: Plant, episode: Episode, count: int) -> Callable[[], float
 
     def stopwatch() -> float:
         lanes.restore(start)
-        began, statuses = time.perf_counter(), [at.OK]
+        began, statuses = time.perf_counter(), [layout.OK]
         try:
             if count == 1:
                 run(lanes, episode.commands, recording)
@@ -189,7 +189,7 @@ def _stopwatch(plant: Plant, episode: Episode, count: int) -> Callable[[], float
                 statuses = [lanes.advance(row) for row in actions]
         except SimulationError:
             return np.inf
-        return time.perf_counter() - began if max(statuses) <= at.ENDED else np.inf
+        return time.perf_counter() - began if max(statuses) <= layout.ENDED else np.inf
 
     return stopwatch
 

@@ -12,7 +12,7 @@ from gymnasium.error import DependencyNotInstalled
 
 from mm_gym.errors import refuse
 from mm_gym.files import write_bytes
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.plant.compile import compile_scene
 from mm_gym.rendering.canvas import load_pygame
 from mm_gym.rendering.history import History
@@ -63,7 +63,7 @@ def _pasts(lanes: Lanes, history: History, steps: int) -> Iterator[Past]:
     action = np.zeros(len(lanes.plant.actuators))
     for _ in range(steps):
         status = lanes.advance(action)
-        if status > at.ENDED:
+        if status > layout.ENDED:
             lanes.raise_for(status)
         history.note()
         yield history.past(0)

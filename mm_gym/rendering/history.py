@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import expm  # pyright: ignore[reportUnknownVariableType] - SciPy ships no types
 
 from mm_gym.compiler.jit import plain
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.step.outputs import excitation
 
 if TYPE_CHECKING:
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-KEPT = at.DAMPING + 1  # rows that are kept of a lane's own: its state, and what the actuators apply
+KEPT = (
+    layout.DAMPING + 1
+)  # rows that are kept of a lane's own: its state, and what the actuators apply
 
 STEP, PUSH, SHAKE, GROUND, GROUND_VELOCITY = range(KEPT, KEPT + 5)
 """Further rows: control steps since the episode began, force of the excitation [N], acceleration
@@ -60,7 +62,7 @@ class History:
         self._subject = subject
         self._ring = np.zeros((columns, ROWS, lanes.count))
         self._peaks = np.zeros((4, lanes.count))
-        self._first_of_block = np.arange(lanes.count) // at.BLOCK * at.BLOCK
+        self._first_of_block = np.arange(lanes.count) // layout.BLOCK * layout.BLOCK
         self._excitation = plain(excitation)
         self.noted = 0
         w, step = 2.0 * np.pi * subject.camera_frequency, subject.time_step
@@ -73,7 +75,7 @@ class History:
         values = self._lanes.values
         now = self._ring[self.noted % len(self._ring)]
         now[:KEPT] = values[:KEPT]
-        now[STEP] = values[at.NOW, self._first_of_block] - values[at.BEGAN]
+        now[STEP] = values[layout.NOW, self._first_of_block] - values[layout.BEGAN]
         starts = now[STEP] == 0.0
         model, every = self._lanes.plant.model, slice(None)
         if self._subject.disturbance:
@@ -83,8 +85,8 @@ class History:
             self._follow(now, starts)
         sizes = np.abs(
             (
-                np.abs(now[at.X1]) + np.abs(now[GROUND]),
-                now[at.X2] - now[at.X1],
+                np.abs(now[layout.X1]) + np.abs(now[GROUND]),
+                now[layout.X2] - now[layout.X1],
                 now[PUSH],
                 now[SHAKE],
             )

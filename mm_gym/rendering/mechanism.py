@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compiler.jit import plain
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.carriage_spring import carriage_force
 from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.springs import spring_force
@@ -96,16 +96,16 @@ def recent_impulse(subject: Subject, past: Past) -> float:
     """
     count = max(2, round(SHOWN * subject.frames)) + 1
     now = past.rows[:, -count:]
-    mass = past.lane[at.M1]
+    mass = past.lane[layout.M1]
     if now.shape[1] < 2 or mass == 0.0:  # noqa: PLR2004 - a change needs two states
         return 0.0
     before, after = now[:, :-1].copy(), now[:, 1:]
-    held = [at.FORCE, at.STRETCH, at.DAMPING]
+    held = [layout.FORCE, layout.STRETCH, layout.DAMPING]
     before[held] = after[held]  # over the control step
     ends = (_force(subject, past.lane, states) for states in (before, after))
     mean = 0.5 * sum(ends) / mass
     mean -= 0.5 * (before[rows.SHAKE] + after[rows.SHAKE])
-    jumps = after[at.V1] - before[at.V1] - subject.time_step * mean
+    jumps = after[layout.V1] - before[layout.V1] - subject.time_step * mean
     sizes = mass * jumps if subject.impulse else -jumps
     found = np.flatnonzero(np.abs(sizes) > LEAST * (subject.impulse or subject.ground_impulse))
     return float(sizes[found[-1]]) if found.size else 0.0
@@ -114,17 +114,17 @@ def recent_impulse(subject: Subject, past: Past) -> float:
 def _force(subject: Subject, lane: rows.Array, states: rows.Array) -> rows.Array:
     """Return the force on the carriage [N] at several moments (rows, n) of a lane."""
     spring, pair, interface = map(plain, (carriage_force, spring_force, interface_force))
-    x1, offset = states[at.X1], states[at.X2] - states[at.X1]
+    x1, offset = states[layout.X1], states[layout.X2] - states[layout.X1]
     c, d = (
-        states[at.DAMPING] if row == subject.damped_row else np.full(len(x1), lane[row])
-        for row in (at.C, at.D)
+        states[layout.DAMPING] if row == subject.damped_row else np.full(len(x1), lane[row])
+        for row in (layout.C, layout.D)
     )
-    regimes = lane[at.VR], lane[at.KINETIC_FORCE], lane[at.CHI]
-    slips = (states[at.V2] - states[at.V1]).tolist()
+    regimes = lane[layout.VR], lane[layout.KINETIC_FORCE], lane[layout.CHI]
+    slips = (states[layout.V2] - states[layout.V1]).tolist()
     total = np.array([interface(c, *regimes, w) for c, w in zip(c.tolist(), slips, strict=True)])
-    total += pair(lane[at.K0], lane[at.L0], states[at.STRETCH], offset)
-    total += states[rows.PUSH] + states[at.FORCE] - d * states[at.V1]
-    return total - spring(lane[at.K1], lane[at.ALPHA], lane[at.BETA], x1)
+    total += pair(lane[layout.K0], lane[layout.L0], states[layout.STRETCH], offset)
+    total += states[rows.PUSH] + states[layout.FORCE] - d * states[layout.V1]
+    return total - spring(lane[layout.K1], lane[layout.ALPHA], lane[layout.BETA], x1)
 
 
 COILS = 7  # coils of the carriage's spring
@@ -150,12 +150,12 @@ class Mechanism:
     @property
     def carriage(self) -> float:
         """Place of the carriage's middle."""
-        return REST + self.ground + self._shown(self.past.now(at.X1))
+        return REST + self.ground + self._shown(self.past.now(layout.X1))
 
     @property
     def offset(self) -> float:
         """The sphere's offset."""
-        return self._shown(self.past.now(at.X2) - self.past.now(at.X1))
+        return self._shown(self.past.now(layout.X2) - self.past.now(layout.X1))
 
     def _shown(self, length: float) -> float:
         """Return a length [m] in the picture, in whole pixels: videos are a tenth smaller."""
@@ -216,7 +216,7 @@ class Mechanism:
 
     def _draw_carriage_spring(self) -> None:
         start, end, y = WALL + self.ground, self.carriage - HALF_BODY, 174.0
-        extended = self.past.now(at.X1) / max(self.subject.displacement, self.past.displacement)
+        extended = self.past.now(layout.X1) / max(self.subject.displacement, self.past.displacement)
         colour = look.spring_colour(0.5 + 0.5 * extended)
         self.canvas.line([(start, y), (start + 10, y)], colour, 2.25)
         self.canvas.line([(end - 10, y), (end, y)], colour, 2.25)
@@ -249,15 +249,15 @@ class Mechanism:
     def _fluid(self, usual: Colour, *, is_carriage: bool) -> Colour:
         """Return the colour of a damper's fluid: the darker, the more an actuated one damps."""
         row = self.subject.damped_row
-        if not row or (row == at.D) != is_carriage:
+        if not row or (row == layout.D) != is_carriage:
             return usual
         low, high = self.subject.damping_range
-        return look.mixed(usual, look.DAMPING, (self.past.now(at.DAMPING) - low) / (high - low))
+        return look.mixed(usual, look.DAMPING, (self.past.now(layout.DAMPING) - low) / (high - low))
 
     def _draw_carriage(self) -> None:
         canvas, middle = self.canvas, self.carriage
         left, right = middle - HALF_BODY, middle + HALF_BODY
-        turned = self.view.angle(self.past.now(at.X1), WHEEL)
+        turned = self.view.angle(self.past.now(layout.X1), WHEEL)
         for x in (left + 40, right - 40):
             centre = (x, GROUND - WHEEL - 1)
             canvas.disc(centre, WHEEL, look.INK)
@@ -291,7 +291,7 @@ class Mechanism:
         """Draw the sphere's springs: the pitch of the coils is as large as their stretch."""
         canvas, middle, y = self.canvas, self.carriage, TOP - FILM - RADIUS
         low, high = self.subject.stretch_range
-        stretch, sphere = max(self.past.now(at.STRETCH), UNSTRETCHED), middle + self.offset
+        stretch, sphere = max(self.past.now(layout.STRETCH), UNSTRETCHED), middle + self.offset
         for side in (-1.0, 1.0):
             post = middle + side * POST
             length = POST - side * self.offset
@@ -307,7 +307,7 @@ class Mechanism:
         canvas, radius = self.canvas, RADIUS
         film = 0.0 if self.subject.interface == "none" else FILM
         centre = self.carriage + self.offset, TOP - film - radius
-        turned = self.view.angle(self.past.now(at.X2) - self.past.now(at.X1), radius)
+        turned = self.view.angle(self.past.now(layout.X2) - self.past.now(layout.X1), radius)
         canvas.disc(centre, radius, look.INK)
         canvas.disc(centre, radius - 2, look.SHINE)
         for begin in (0.0, pi):
@@ -320,10 +320,10 @@ class Mechanism:
         arrows: list[tuple[float, Colour]] = []
         largest = max(subject.force_limit or 0.0, subject.disturbance, past.disturbance)
         if subject.force_limit is not None:
-            arrows.append((past.now(at.FORCE) / largest, look.CONTROL))
+            arrows.append((past.now(layout.FORCE) / largest, look.CONTROL))
         if subject.is_between:  # its reaction, on the sphere
             centre = self.carriage + self.offset, TOP - FILM - RADIUS
-            canvas.arrow(centre, -ARROW * past.now(at.FORCE) / largest, look.CONTROL)
+            canvas.arrow(centre, -ARROW * past.now(layout.FORCE) / largest, look.CONTROL)
         if subject.disturbance:
             arrows.append((past.now(rows.PUSH) / largest, look.DISTURBANCE))
         if subject.impulse and can_be_seen(subject):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
 from mm_gym.rendering.canvas import Canvas
@@ -75,13 +75,13 @@ def strips_of(subject: Subject, past: Past, view: View) -> list[Strip]:
     if subject.is_stretched:
         low, high = subject.stretch_range
         name = "stretch λ of the sphere's springs [-]"
-        line = Series(past.rows[at.STRETCH], name, look.STRETCH, is_held=True)
+        line = Series(past.rows[layout.STRETCH], name, look.STRETCH, is_held=True)
         strips.append(Strip(low, high, (low, high), (line,)))
     if subject.damped_row:
         low, high = subject.damping_range
-        part = "carriage" if subject.damped_row == at.D else "interface"
+        part = "carriage" if subject.damped_row == layout.D else "interface"
         name = f"{subject.device} of the {part} [{CHANNELS[subject.device].unit}]"
-        line = Series(past.rows[at.DAMPING], name, look.DAMPING, is_held=True)
+        line = Series(past.rows[layout.DAMPING], name, look.DAMPING, is_held=True)
         strips.append(Strip(low, high, (low, high), (line,)))
     return strips
 
@@ -92,11 +92,11 @@ def _displacements(subject: Subject, past: Past, view: View) -> Strip:
         None if limit is None else limit / size
         for limit in (subject.displacement_limit, subject.rail_limit)
     ]
-    x1 = past.rows[at.X1] / size
+    x1 = past.rows[layout.X1] / size
     lines = [Series(x1, f"carriage x1 [{unit}]", look.INK, limit=limits[0])]
     largest = max(subject.displacement, past.displacement)
     if subject.has_sphere:
-        offset, name = past.rows[at.X2] / size - x1, f"sphere's offset x2 {MINUS} x1 [{unit}]"
+        offset, name = past.rows[layout.X2] / size - x1, f"sphere's offset x2 {MINUS} x1 [{unit}]"
         lines.insert(0, Series(offset, name, look.OFFSET, limit=limits[1]))
         largest = max(largest, subject.offset, past.offset)
     high = round_up(largest / size, FINE_STEPS)
@@ -104,7 +104,7 @@ def _displacements(subject: Subject, past: Past, view: View) -> Strip:
 
 
 def _forces(subject: Subject, past: Past) -> Strip:
-    lines = [Series(past.rows[at.FORCE], "control force [N]", look.CONTROL, is_held=True)]
+    lines = [Series(past.rows[layout.FORCE], "control force [N]", look.CONTROL, is_held=True)]
     largest = subject.force_limit or 0.0
     if subject.disturbance:
         lines.insert(0, Series(past.rows[rows.PUSH], "disturbance [N]", look.DISTURBANCE))
@@ -225,7 +225,7 @@ class Picture:
         subject, canvas = self._subject, self._canvas
         entries: list[tuple[str, look.Colour]] = []
         if subject.force_limit is not None:
-            force = reading(past.now(at.FORCE), subject.force_limit)
+            force = reading(past.now(layout.FORCE), subject.force_limit)
             entries.append((f"control {force} N", look.CONTROL))
         if subject.disturbance:
             push = reading(past.now(rows.PUSH), subject.disturbance)
@@ -237,16 +237,16 @@ class Picture:
             entries.append(
                 (_impulse_text(subject, recent_impulse(subject, past)), look.DISTURBANCE)
             )
-        if subject.has_springs and past.now(at.STRETCH) >= UNSTRETCHED:
-            entries.append((f"stretch λ = {past.now(at.STRETCH):.2f}", look.STRETCH))
+        if subject.has_springs and past.now(layout.STRETCH) >= UNSTRETCHED:
+            entries.append((f"stretch λ = {past.now(layout.STRETCH):.2f}", look.STRETCH))
         if subject.damped_row:
-            held = reading(past.now(at.DAMPING), subject.damping_range[1])
+            held = reading(past.now(layout.DAMPING), subject.damping_range[1])
             entries.append(
                 (f"{subject.device} {held} {CHANNELS[subject.device].unit}", look.DAMPING)
             )
         if subject.interface == "dry_friction":
-            slip = abs(past.now(at.V2) - past.now(at.V1))
-            slips = slip > past.lane[at.VR]
+            slip = abs(past.now(layout.V2) - past.now(layout.V1))
+            slips = slip > past.lane[layout.VR]
             entries.append(("the sphere slips" if slips else "the sphere sticks", look.OFFSET))
         for k, (entry, colour) in enumerate(entries):
             place = READINGS + COLUMN * (k % 2), 22.0 + 24.0 * (k // 2)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.rendering.canvas import load_pygame
 from mm_gym.rendering.history import History
 from mm_gym.rendering.look import SIZE
@@ -164,7 +164,7 @@ class Renderer:
         return self._picture.pixels(self._history.past(lane))
 
     def _collect(self) -> None:
-        begins = self._lanes.values[at.NOW, 0] == self._lanes.values[at.BEGAN]
+        begins = self._lanes.values[layout.NOW, 0] == self._lanes.values[layout.BEGAN]
         for lane, frames in enumerate(self._collected):
             if begins[lane]:
                 frames.clear()

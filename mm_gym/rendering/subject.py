@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.rendering.look import text_of
 from mm_gym.scene.excitation import Impulse
 from mm_gym.scene.scene import bounds
@@ -30,7 +30,7 @@ def natural_period(plant: Plant) -> float:
     """Return the carriage's natural period [s], or infinity if it has no linear stiffness."""
     low, high = plant.support.start_low, plant.support.start_high
     row = 0.5 * low + 0.5 * high
-    stiffness, mass = row[at.K1] * row[at.ALPHA], row[at.M1] or row[at.M2]
+    stiffness, mass = row[layout.K1] * row[layout.ALPHA], row[layout.M1] or row[layout.M2]
     with np.errstate(all="ignore"):
         return float(2.0 * pi * sqrt(mass / stiffness)) if stiffness > 0.0 else np.inf
 
@@ -86,7 +86,7 @@ class Subject:
         self.speed = speed_text(plant.time_step, self.frames)
         # which parts are drawn
         self.interface = scene.interface.kind
-        self.has_damper = high[at.D] > 0.0
+        self.has_damper = high[layout.D] > 0.0
         self.has_springs = scene.springs.kind != "none"
         is_coupled = self.interface != "none" or actuation.is_between
         self.has_sphere = self.has_springs or is_coupled
@@ -96,15 +96,15 @@ class Subject:
         self.is_between = actuation.is_between  # the force, and not on the ground
         self.is_stretched = actuation.stretch is not None
         # [-], from one end of the springs' colours to the other
-        self.stretch_range = low[at.STRETCH], high[at.STRETCH]
-        if low[at.STRETCH] == high[at.STRETCH]:
-            self.stretch_range = 0.0, 2.0 * max(high[at.STRETCH], UNSTRETCHED)
+        self.stretch_range = low[layout.STRETCH], high[layout.STRETCH]
+        if low[layout.STRETCH] == high[layout.STRETCH]:
+            self.stretch_range = 0.0, 2.0 * max(high[layout.STRETCH], UNSTRETCHED)
         self.device, self.damped_row = support.device, support.damped_row  # 0 if none is actuated
-        self.damping_range = low[at.DAMPING], high[at.DAMPING]  # [N s/m] or [V]
+        self.damping_range = low[layout.DAMPING], high[layout.DAMPING]  # [N s/m] or [V]
         # how far carriage and sphere may move, and are expected to [m]; the view begins with it
         self.displacement_limit = objective.displacement_limit
         self.rail_limit = objective.rail_half_length
-        x1, x2 = (max(abs(start_low[row]), abs(start_high[row])) for row in (at.X1, at.X2))
+        x1, x2 = (max(abs(start_low[row]), abs(start_high[row])) for row in (layout.X1, layout.X2))
         self.displacement = _expected(x1, objective.displacement_scale, self.displacement_limit)
         self.offset = _expected(x2, objective.stroke_scale, self.rail_limit)
         # largest force [N] and acceleration of the ground [m/s^2] expected, 0 if there is none

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.step.task import ACTUATORS, LAG_FACTOR
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def slopes(actuator: Actuator, lanes: Array, action: Array) -> Slopes:
     applied, asked, own = lanes[actuator.row], lanes[actuator.asked_row], actuator.own
     low, high, rate, factor = actuator.low, actuator.high, actuator.rate, actuator.lag_factor
     if own:
-        rate, factor = lanes[own + at.TRAVEL], lanes[own + at.LAG_FACTOR]
+        rate, factor = lanes[own + layout.TRAVEL], lanes[own + layout.LAG_FACTOR]
     inside = (np.abs(action) <= 1.0).astype(np.float64)
     command = np.clip(action, -1.0, 1.0)
     if actuator.is_rate:

@@ -12,7 +12,7 @@ of the state are its deviations; a parameter has the slope 1 in the columns that
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.groups import read, write
 from mm_gym.lanes.simd import LANES, alike
@@ -64,9 +64,9 @@ def take_impulses(model, lanes, by_m1, i, count):
     """
     own, width = int(model[FIRST_ROW]), int(model[WIDTH])
     for j in range(STATES, width):
-        if model[CAUSES + j] == at.M1:
-            change = read(lanes, at.V1, i, count) - read(lanes, own + LAST_V1, i, count)
-            change2 = read(lanes, at.V2, i, count) - read(lanes, own + LAST_V2, i, count)
+        if model[CAUSES + j] == layout.M1:
+            change = read(lanes, layout.V1, i, count) - read(lanes, own + LAST_V1, i, count)
+            change2 = read(lanes, layout.V2, i, count) - read(lanes, own + LAST_V2, i, count)
             impulse = change - change2
             row = own + TANGENTS + j + 2 * width
             write(lanes, row, i, count, fma(-by_m1, impulse, read(lanes, row, i, count)))
@@ -84,19 +84,19 @@ def slope(cause, parameters, piece):
     by_m1 = 1.0 / m1
     rate, both = piece * by_m1, -1.0 - m1 / m2
     scale = piece * rate
-    if cause == at.M1:
+    if cause == layout.M1:
         return ACCELERATION, -by_m1, by_m1
-    if cause == at.M2:
+    if cause == layout.M2:
         return COUPLING, alike(m1, 0.0), m1 / (m2 * m2)
-    if cause == at.D:
+    if cause == layout.D:
         return V1, -rate, rate
-    if cause == at.C:
+    if cause == layout.C:
         return W, rate, both * rate
-    if cause == at.K1:
+    if cause == layout.K1:
         return X1, -scale * alpha, scale * alpha
-    if cause == at.ALPHA:
+    if cause == layout.ALPHA:
         return X1, -scale * k1, scale * k1
-    if cause == at.K0:
+    if cause == layout.K0:
         factor = scale * stiffness(1.0, stretch)
     else:
         square = stretch * stretch
@@ -127,12 +127,12 @@ def read_state(model, lanes, i, states, c):
         c[part] = lanes[state_row(model, part, states), i]
         for j in range(width):
             c[part, j] = lanes[own + TANGENTS + part * width + j, i]
-    impulse = lanes[at.V1, i] - lanes[own + LAST_V1, i]
-    impulse -= lanes[at.V2, i] - lanes[own + LAST_V2, i]
+    impulse = lanes[layout.V1, i] - lanes[own + LAST_V1, i]
+    impulse -= lanes[layout.V2, i] - lanes[own + LAST_V2, i]
     if impulse != 0.0:
         for j in range(width):
-            if int(model[CAUSES + j]) == at.M1:
-                c[at.V1, j] = c[at.V1, j] - impulse / lanes[at.M1, i]
+            if int(model[CAUSES + j]) == layout.M1:
+                c[layout.V1, j] = c[layout.V1, j] - impulse / lanes[layout.M1, i]
 
 
 @borrowing_kernel
@@ -143,16 +143,16 @@ def write_state(model, lanes, i, states, c):
         lanes[state_row(model, part, states), i] = value_of(c[part])
         for j in range(width):
             lanes[own + TANGENTS + part * width + j, i] = c[part, j]
-    lanes[own + LAST_V1, i], lanes[own + LAST_V2, i] = lanes[at.V1, i], lanes[at.V2, i]
-    lanes[own + TIME, i] += model[at.SAMPLE_INTERVAL]
+    lanes[own + LAST_V1, i], lanes[own + LAST_V2, i] = lanes[layout.V1, i], lanes[layout.V2, i]
+    lanes[own + TIME, i] += model[layout.SAMPLE_INTERVAL]
 
 
 @borrowing_kernel
 def read_harmonic(model, lanes, i, which, c):
     """Read a harmonic's amplitude and frequency, and cosine and sine of its phase, into c."""
-    row = at.HARMONICS + at.HARMONIC_ROWS * which
+    row = layout.HARMONICS + layout.HARMONIC_ROWS * which
     read_rows(model, lanes, i, row, 3, c, 0)
     since = lanes[int(model[FIRST_ROW]) + TIME, i]
-    turn = slopes_of(c[at.PHASE]) + slopes_of(c[at.FREQUENCY]) * since
-    cosine, sine = lanes[row + at.COSINE, i], lanes[row + at.SINE, i]
+    turn = slopes_of(c[layout.PHASE]) + slopes_of(c[layout.FREQUENCY]) * since
+    cosine, sine = lanes[row + layout.COSINE, i], lanes[row + layout.SINE, i]
     c[2], c[3] = tangent(cosine, turn * -sine), tangent(sine, turn * cosine)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.groups import read, write, write_state
 from mm_gym.lanes.memory import on_cache_line
@@ -65,7 +65,7 @@ _GROWTH = 1.25
 @kernel
 def propagate(model, lanes, first, last):
     """Advance motion and deviations by one sample interval, or a part of it."""
-    c, status = np.zeros(rows.SIZE), at.OK
+    c, status = np.zeros(rows.SIZE), layout.OK
     numbers = on_cache_line((COLUMN_ROWS + 8 * int(model[WIDTH])) * LANES)
     for n in range(ORDER):
         c[rows.RECIPROCAL + n] = 1.0 / (n + 1.0)
@@ -100,7 +100,7 @@ def _propagate(model, lanes, c, b, i, count):
         row = COLUMN_ROWS + 4 * j
         b[row], b[row + 1], b[row + 2], b[row + 3] = column
     has_cube = _needs_cube(model)
-    rest = unit = model[at.SAMPLE_INTERVAL]
+    rest = unit = model[layout.SAMPLE_INTERVAL]
     for _ in range(MOST_SERIES):
         part = 1.0
         b[motion.UNIT] = everywhere(unit)
@@ -122,7 +122,7 @@ def _propagate(model, lanes, c, b, i, count):
         rest -= unit
         unit = rest / np.ceil(rest / (_GROWTH * unit))
     else:
-        return at.TOO_MANY_SERIES
+        return layout.TOO_MANY_SERIES
     for j in range(width):
         row = COLUMN_ROWS + 4 * j
         column = b[row], b[row + 1], b[row + 2], b[row + 3]
@@ -137,7 +137,7 @@ def _needs_cube(model):
     """Tell whether a parameter's deviation is driven by x1**3."""
     found = False
     for j in range(STATES, int(model[WIDTH])):
-        found |= model[CAUSES + j] == at.K1 or model[CAUSES + j] == at.BETA
+        found |= model[CAUSES + j] == layout.K1 or model[CAUSES + j] == layout.BETA
     return found
 
 
@@ -184,7 +184,7 @@ def _deviate_all(model, lanes, c, b, unit, order, i, count):
     has_springs = not none(b[rows.K2] > 0.0)
     for j in range(width):
         cause, push, to_v1, to_w = int(model[CAUSES + j]), zero, zero, zero
-        is_push = cause == at.FORCE and not model[at.BETWEEN] > 0.0
+        is_push = cause == layout.FORCE and not model[layout.BETWEEN] > 0.0
         if is_push:
             push = unit * unit * b[rows.BY_M1]
         elif cause >= 0:
@@ -207,18 +207,18 @@ def _deviate_all(model, lanes, c, b, unit, order, i, count):
 @borrowing_kernel
 def _write_signal(lanes, b, cause, unit, order, i, count):
     """Write the series that drives a parameter's deviation; return its factors, as of `slope`."""
-    m1, m2 = read(lanes, at.M1, i, count), read(lanes, at.M2, i, count)
-    k1, alpha = read(lanes, at.K1, i, count), read(lanes, at.ALPHA, i, count)
-    k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
-    if cause == at.FORCE:  # held between the masses
+    m1, m2 = read(lanes, layout.M1, i, count), read(lanes, layout.M2, i, count)
+    k1, alpha = read(lanes, layout.K1, i, count), read(lanes, layout.ALPHA, i, count)
+    k0, stretch = read(lanes, layout.K0, i, count), read(lanes, layout.STRETCH, i, count)
+    if cause == layout.FORCE:  # held between the masses
         for n in range(order):
             b[SIGNAL + n] = everywhere(1.0 if n == 0 else 0.0)
         factor = unit * unit / m1
         return factor, -factor - unit * unit / m2
-    if cause in (at.K1, at.BETA):
-        beta = read(lanes, at.BETA, i, count)
+    if cause in (layout.K1, layout.BETA):
+        beta = read(lanes, layout.BETA, i, count)
         for n in range(order):
-            if cause == at.K1:
+            if cause == layout.K1:
                 b[SIGNAL + n] = fma(beta, b[CUBE + n], alpha * b[rows.X1 + n])
             else:
                 b[SIGNAL + n] = k1 * b[CUBE + n]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compiler.jit import plain
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.step.channels import CHANNELS
 from mm_gym.step.task import state_cost, state_weights
 
@@ -79,16 +79,17 @@ class Outputs:
         """Return what lanes (rows, n) show, over its scale, and their cost: (channels + 1, n)."""
         plant, own = self.env.plant, self.env.scene.own_reward
         if plant.support.damped_row:
-            lanes[plant.support.damped_row] = lanes[at.DAMPING]
+            lanes[plant.support.damped_row] = lanes[layout.DAMPING]
         plant.entries.derive(plant.task, plant.model, lanes, 0, lanes.shape[1])
         shown = [
-            factor * (lanes[c.row] - (0.0 if c.subtracted == at.NO_ROW else lanes[c.subtracted]))
+            factor
+            * (lanes[c.row] - (0.0 if c.subtracted == layout.NO_ROW else lanes[c.subtracted]))
             for c, factor in self.channels
         ]
         if own is not None:
             return np.stack([*shown, own.costs(lanes)])
         weights = plain(state_weights)(plant.task)
-        cost = plain(state_cost)(weights, lanes[at.X1], lanes[at.X2], lanes[at.V1])
+        cost = plain(state_cost)(weights, lanes[layout.X1], lanes[layout.X2], lanes[layout.V1])
         if plant.scores_reactions:
             cost = cost + (plant.scored_reactions(lanes) ** 2).sum(axis=0)
         return np.stack([*shown, cost])

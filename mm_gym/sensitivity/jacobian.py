@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.errors import SimulationError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.memory import rows_of
 from mm_gym.lanes.simd import LANES
 from mm_gym.methods.linear.method import Linear
 from mm_gym.methods.support import LINEAR, MASSLESS
-from mm_gym.sensitivity import layout as own
+from mm_gym.sensitivity import layout as slots
 from mm_gym.sensitivity import tangent_kernel
 from mm_gym.sensitivity.actuators import actuators_of, slopes
 from mm_gym.sensitivity.model import control_step, model_of, parameter_maps
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Numbers = NDArray[np.uint64]
 
-UNFINISHED = (at.TOO_MANY_EVENTS, at.TOO_MANY_SERIES, at.TOO_MANY_STEPS)
+UNFINISHED = (layout.TOO_MANY_EVENTS, layout.TOO_MANY_SERIES, layout.TOO_MANY_STEPS)
 
 STATES = ("x1", "x2", "v1", "v2")
 
@@ -102,7 +102,7 @@ class Sensitivities:
         self.task, self.count, self.rows = task, values.shape[1], len(values)
         self.actuators = actuators_of(task, support.device)
         self.parameters = parameters or {}
-        causes = [support.damped_row if a.row == at.DAMPING else a.row for a in self.actuators]
+        causes = [support.damped_row if a.row == layout.DAMPING else a.row for a in self.actuators]
         causes = self._causes = causes + list(self.parameters.values())
         self._is_constant = not by_tangents and _is_constant(support, self.parameters.values())
         width = 0
@@ -118,26 +118,29 @@ class Sensitivities:
                 model_of(support, causes[first : first + at_once], self.rows, width)
                 for first in range(0, max(len(causes), 1), at_once)
             ]
-            tail = own.TANGENTS + states * width
+            tail = slots.TANGENTS + states * width
         self._rows = rows_of(self.rows + tail, self.count, np.float64)
         self.lanes = self._rows[: self.rows, : self.count]
         self.lanes[:] = values
-        self.lanes[at.NOW], self.lanes[at.BEGAN] = 0.0, values[at.BEGAN] - values[at.NOW]
+        self.lanes[layout.NOW], self.lanes[layout.BEGAN] = (
+            0.0,
+            values[layout.BEGAN] - values[layout.NOW],
+        )
         self.streams = streams.copy()
         if self._is_constant:
             self._columns = self._prepared(support, model)
         else:
-            columns = self._rows[self.rows + own.TANGENTS :].reshape(states, width, -1)
+            columns = self._rows[self.rows + slots.TANGENTS :].reshape(states, width, -1)
             self._columns = columns[:, : states + len(causes), : self.count]
 
     def _prepared(self, support: Support, model: Array) -> Array:
         """Return what is known beforehand of the derivatives of a linear plant."""
-        found = np.zeros((4, own.STATES + len(self._causes), self.count))
+        found = np.zeros((4, slots.STATES + len(self._causes), self.count))
         state, force = control_step(model)
-        found[:, : own.STATES] = state[:, :, None]
-        if at.FORCE in self._causes:
-            found[:, own.STATES] = force
-        rows, self._status = list(self.parameters.values()), at.OK
+        found[:, : slots.STATES] = state[:, :, None]
+        if layout.FORCE in self._causes:
+            found[:, slots.STATES] = force
+        rows, self._status = list(self.parameters.values()), layout.OK
         if rows:
             self._status, self._maps = parameter_maps(support, rows, self.lanes[:, 0])
         return found
@@ -171,7 +174,7 @@ class Sensitivities:
         if len(self._models) == 1:
             return self._move(self._models[0], flat), self._columns
         states = self._states
-        status, found = at.OK, np.empty((states, states + len(self._causes), self.count))
+        status, found = layout.OK, np.empty((states, states + len(self._causes), self.count))
         start, streams, first = self._rows.copy(), self.streams.copy(), states
         for model in self._models:
             self._rows[:], self.streams[:] = start, streams
@@ -189,14 +192,14 @@ class Sensitivities:
         start = np.empty((5, self.count))
         start[:4] = self.lanes[:4]
         status = max(self._status, self._move(self._models[0], actions))
-        start[4] = self.lanes[at.FORCE]
+        start[4] = self.lanes[layout.FORCE]
         np.matmul(self._maps, start, out=self._columns[:, -len(self.parameters) :])
         return status, self._columns
 
     def _move(self, model: Array, actions: Array) -> int:
-        status = at.OK
-        for first in range(0, self.count, at.BLOCK):
-            last = min(first + at.BLOCK, self.count)
+        status = layout.OK
+        for first in range(0, self.count, layout.BLOCK):
+            last = min(first + layout.BLOCK, self.count)
             rows = self.task, model, self._rows, self.streams, actions
             status = max(status, self._advance(*rows, first, last))
         return status
@@ -211,7 +214,7 @@ class Sensitivities:
         """
         before = self.lanes[: self.rows].copy()
         status, motion = self.step(actions)
-        if status > at.ENDED:
+        if status > layout.ENDED:
             raise _failure(status)
         chain = [
             slopes(a, before, action) for a, action in zip(self.actuators, actions, strict=True)
@@ -244,7 +247,7 @@ class Sensitivities:
 
 
 def _failure(status: int) -> SimulationError:
-    return SimulationError(f"jacobian: {at.MESSAGES[status]}")
+    return SimulationError(f"jacobian: {layout.MESSAGES[status]}")
 
 
 def _is_constant(support: Support, parameters: Iterable[int]) -> bool:
@@ -252,7 +255,7 @@ def _is_constant(support: Support, parameters: Iterable[int]) -> bool:
     if support.kind not in (LINEAR, MASSLESS):
         return False
     excited = support.sampled or support.ground
-    return not parameters or not (excited or at.BETA in parameters)
+    return not parameters or not (excited or layout.BETA in parameters)
 
 
 def _kernel(
@@ -266,11 +269,15 @@ def _kernel(
     columns = len(support.state_rows) + len(causes)
     if support.is_general:
         return step_with(support.interface), min(columns, LANES)
-    is_smooth = not (support.slips or support.high[at.L0] > 0.0)
-    if is_smooth and not (by_tangents or support.is_cubic or at.BETA in causes):
+    is_smooth = not (support.slips or support.high[layout.L0] > 0.0)
+    if is_smooth and not (by_tangents or support.is_cubic or layout.BETA in causes):
         return by_linear_series, columns
     excited = support.ground or support.terms
-    if is_smooth and support.is_cubic and not (by_tangents or excited or support.low[at.BETA] < 0):
+    if (
+        is_smooth
+        and support.is_cubic
+        and not (by_tangents or excited or support.low[layout.BETA] < 0)
+    ):
         return by_cubic_series, columns
     return by_series, min(columns, LANES)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.runge_kutta import layout as runge_kutta
 
 # Slots of the model behind those of `mm_gym.methods.runge_kutta`, which begin with those of
@@ -28,7 +28,17 @@ NONE = -1.0
 of a parameter in a lane, among them FORCE and STRETCH; of harmonics, that of their own."""
 
 CAUSED = (
-    *(at.FORCE, at.STRETCH, at.M1, at.M2, at.K1, at.D, at.ALPHA, at.BETA, at.C),
-    *(at.MU1, at.MU2, at.VR, at.CHI, at.FN, at.K0, at.L0),
+    *(
+        layout.FORCE,
+        layout.STRETCH,
+        layout.M1,
+        layout.M2,
+        layout.K1,
+        layout.D,
+        layout.ALPHA,
+        layout.BETA,
+        layout.C,
+    ),
+    *(layout.MU1, layout.MU2, layout.VR, layout.CHI, layout.FN, layout.K0, layout.L0),
 )
 """Rows of the parameters whose deviations are followed, other than those of harmonics."""

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.groups import read, write, write_state
 from mm_gym.lanes.memory import on_cache_line
@@ -73,16 +73,16 @@ from mm_gym.sensitivity.layout import (
 # excites the lanes.
 _SIGNAL, _DRIVE = 4 * ORDERS, 5 * ORDERS
 
-_lane = rows_on_stack(2 * (at.HARMONICS + STATES))
+_lane = rows_on_stack(2 * (layout.HARMONICS + STATES))
 
 
 @kernel
 def propagate(model, lanes, first, last):
     """Advance motion and deviations by one sample interval."""
     if model[PIECES] > MOST_SERIES:
-        return at.TOO_MANY_SERIES
+        return layout.TOO_MANY_SERIES
     rows = _DRIVE + rows_of_drive(model)
-    scratch, weights, status = on_cache_line(rows * LANES), weights_of(ORDERS), at.OK
+    scratch, weights, status = on_cache_line(rows * LANES), weights_of(ORDERS), layout.OK
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
         status = max(status, _propagate(model, lanes, weights, rows_of(scratch), i, count))
@@ -95,10 +95,10 @@ def _propagate(model, lanes, weights, b, i, count):
     prefer_widest_vectors()
     pieces, degree, width = int(model[PIECES]), int(model[DEGREE]), int(model[WIDTH])
     own, drive = int(model[FIRST_ROW]), from_row(b, _DRIVE)
-    piece = model[at.SAMPLE_INTERVAL] / pieces
+    piece = model[layout.SAMPLE_INTERVAL] / pieces
     g, by_m1 = _coefficients(lanes, piece, i, count)
     scale = piece * piece * by_m1
-    pair, held = control_forces(model, scale * read(lanes, at.FORCE, i, count))
+    pair, held = control_forces(model, scale * read(lanes, layout.FORCE, i, count))
     take_impulses(model, lanes, by_m1, i, count)
     load_drive(model, lanes, drive, pieces, i, count)
     z = state_of(lanes, piece, i, count)
@@ -106,7 +106,7 @@ def _propagate(model, lanes, weights, b, i, count):
         terms = write_drive(model, lanes, drive, scale, piece, degree, i, count)
         z = _move(b, g, weights, z, (held, pair), degree, terms)
         for j in range(STATES, width):
-            if model[CAUSES + j] != at.FORCE:
+            if model[CAUSES + j] != layout.FORCE:
                 cause, column = int(model[CAUSES + j]), own + TANGENTS + j
                 row, to_v1, to_w = _drive(model, lanes, b, cause, piece, k, i, count)
                 y = read_column(lanes, column, width, piece, i, count)
@@ -117,7 +117,7 @@ def _propagate(model, lanes, weights, b, i, count):
     v1, v2 = z[2] * (1.0 / piece), (z[2] + z[3]) * (1.0 / piece)
     write(lanes, own + LAST_V1, i, count, v1)
     write(lanes, own + LAST_V2, i, count, v2)
-    time = read(lanes, own + TIME, i, count) + model[at.SAMPLE_INTERVAL]
+    time = read(lanes, own + TIME, i, count) + model[layout.SAMPLE_INTERVAL]
     write(lanes, own + TIME, i, count, time)
     return write_state(lanes, i, count, z[0], z[0] + z[1], v1, v2)
 
@@ -144,32 +144,32 @@ def _move(b, g, weights, z, forces, degree, terms):
 @borrowing_kernel
 def _drive(model, lanes, b, cause, piece, k, i, count):
     """Return which series drives the deviation of a parameter in piece k, and its factors."""
-    if cause < at.HARMONICS:
-        m1, m2 = read(lanes, at.M1, i, count), read(lanes, at.M2, i, count)
-        k1, alpha = read(lanes, at.K1, i, count), read(lanes, at.ALPHA, i, count)
-        k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
+    if cause < layout.HARMONICS:
+        m1, m2 = read(lanes, layout.M1, i, count), read(lanes, layout.M2, i, count)
+        k1, alpha = read(lanes, layout.K1, i, count), read(lanes, layout.ALPHA, i, count)
+        k0, stretch = read(lanes, layout.K0, i, count), read(lanes, layout.STRETCH, i, count)
         return slope(cause, (m1, m2, k1, alpha, k0, stretch), piece)
     _write_signal(model, lanes, b, cause, piece, k, i, count)
-    if (int(model[at.GROUND]) >> ((cause - at.HARMONICS) // at.HARMONIC_ROWS)) & 1:
+    if (int(model[layout.GROUND]) >> ((cause - layout.HARMONICS) // layout.HARMONIC_ROWS)) & 1:
         return _SIGNAL, everywhere(-piece * piece), everywhere(0.0)
-    scale = piece * piece / read(lanes, at.M1, i, count)
+    scale = piece * piece / read(lanes, layout.M1, i, count)
     return _SIGNAL, scale, -scale
 
 
 @borrowing_kernel
 def _write_signal(model, lanes, b, cause, piece, k, i, count):
     """Write the slope of a harmonic over its amplitude, frequency or phase, as `_drive` asks."""
-    which, own = (cause - at.HARMONICS) // at.HARMONIC_ROWS, int(model[FIRST_ROW])
-    harmonic = at.HARMONICS + at.HARMONIC_ROWS * which
+    which, own = (cause - layout.HARMONICS) // layout.HARMONIC_ROWS, int(model[FIRST_ROW])
+    harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * which
     row = _DRIVE + HARMONIC + 2 * which
     cosine, sine = b[row], b[row + 1]
-    turn = piece * read(lanes, harmonic + at.FREQUENCY, i, count)
-    amplitude = read(lanes, harmonic + at.AMPLITUDE, i, count)
+    turn = piece * read(lanes, harmonic + layout.FREQUENCY, i, count)
+    amplitude = read(lanes, harmonic + layout.AMPLITUDE, i, count)
     time, before = read(lanes, own + TIME, i, count) + k * piece, everywhere(0.0)
     for n in range(int(model[DEGREE])):
-        if cause == harmonic + at.AMPLITUDE:
+        if cause == harmonic + layout.AMPLITUDE:
             b[_SIGNAL + n] = sine
-        elif cause == harmonic + at.PHASE:
+        elif cause == harmonic + layout.PHASE:
             b[_SIGNAL + n] = amplitude * cosine
         else:  # time times the slope over the phase
             b[_SIGNAL + n] = amplitude * fma(time, cosine, n * piece * before)
@@ -180,7 +180,7 @@ def _write_signal(model, lanes, b, cause, piece, k, i, count):
 def _coefficients(lanes, piece, i, count):
     """Return the generator's coefficients in units of a piece, and 1 / m1."""
     m1, m2, k1, d, c, k0 = parameters_of(lanes, i, count)
-    k2 = stiffness(k0, read(lanes, at.STRETCH, i, count))
+    k2 = stiffness(k0, read(lanes, layout.STRETCH, i, count))
     return generator(piece, m1, m2, k1, d, c, k2), 1.0 / m1
 
 
@@ -221,7 +221,7 @@ def _write_held(model, lanes, weights, i, count):
     """Write those of the lanes i .. i + count - 1, with 1 / n! (ORDERS,)."""
     prefer_widest_vectors()
     pieces, degree, width = int(model[STEP_PIECES]), int(model[STEP_DEGREE]), int(model[WIDTH])
-    piece = model[at.SAMPLE_INTERVAL] * model[at.INTERVALS] / pieces
+    piece = model[layout.SAMPLE_INTERVAL] * model[layout.INTERVALS] / pieces
     g, by_m1 = _coefficients(lanes, piece, i, count)
     zero, one = everywhere(0.0), everywhere(1.0)
     carriage, sphere = (zero, zero, one, -one), (zero, zero, zero, one)
@@ -239,9 +239,9 @@ def _write_held(model, lanes, weights, i, count):
     write_column(lanes, row + 2, width, rate, _continued(g, both, v1), i, count)
     write_column(lanes, row + 3, width, rate, _continued(g, both, v2), i, count)
     for j in range(STATES, width):
-        if model[CAUSES + j] == at.FORCE:
+        if model[CAUSES + j] == layout.FORCE:
             push = piece * piece * by_m1
-            pull = -model[at.BETWEEN] * g[4] * push  # of the sphere, by its reaction
+            pull = -model[layout.BETWEEN] * g[4] * push  # of the sphere, by its reaction
             z = add(add((zero, zero, zero, zero), push, by_carriage), pull, by_sphere)
             write_column(lanes, row + j, width, rate, z, i, count)
 
@@ -281,25 +281,25 @@ def respond(model, lanes, time, v1, v2, i):
     """Add to lane i what follows from velocities [m/s] at rest, a time [s] later."""
     own, width, c = int(model[FIRST_ROW]), int(model[WIDTH]), tangents_of(_lane())
     for first in range(0, width, LANES):
-        read_rows(model, lanes, i, 0, at.HARMONICS, c, first)
+        read_rows(model, lanes, i, 0, layout.HARMONICS, c, first)
         end = _response(model, c, time, v1, v2)
         for part in range(STATES):
-            c[at.HARMONICS + part] = end[part]
+            c[layout.HARMONICS + part] = end[part]
             for j in range(min(width - first, LANES)):
                 row = own + TANGENTS + part * width + first + j
-                lanes[row, i] += c[at.HARMONICS + part, j]
+                lanes[row, i] += c[layout.HARMONICS + part, j]
     for part in range(STATES):
-        lanes[part, i] += value_of(c[at.HARMONICS + part])
-    lanes[own + LAST_V1, i] += value_of(c[at.HARMONICS + at.V1])
-    lanes[own + LAST_V2, i] += value_of(c[at.HARMONICS + at.V2])
+        lanes[part, i] += value_of(c[layout.HARMONICS + part])
+    lanes[own + LAST_V1, i] += value_of(c[layout.HARMONICS + layout.V1])
+    lanes[own + LAST_V2, i] += value_of(c[layout.HARMONICS + layout.V2])
 
 
 @borrowing_kernel
 def _response(model, lane, time, v1, v2):
     """Return x1, x2, v1 and v2 from those of a lane's rows, all as numbers with tangents."""
-    piece, m1 = time / model[PIECES], lane[at.M1]
-    k1, k2 = lane[at.K1] * lane[at.ALPHA], stiffness(lane[at.K0], lane[at.STRETCH])
-    g = generator(piece, m1, lane[at.M2], k1, lane[at.D], lane[at.C], k2)
+    piece, m1 = time / model[PIECES], lane[layout.M1]
+    k1, k2 = lane[layout.K1] * lane[layout.ALPHA], stiffness(lane[layout.K0], lane[layout.STRETCH])
+    g = generator(piece, m1, lane[layout.M2], k1, lane[layout.D], lane[layout.C], k2)
     # The impulse on the carriage changed v1 by its size over the mass.
     late, rest = slopes_of((v1 - v2) * value_of(m1) * (piece / m1)), alike(m1, 0.0)
     total = rest, rest, tangent(piece * v1, late), tangent(piece * (v2 - v1), -late)

@@ -11,14 +11,14 @@ from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process as process
 from mm_gym.excitation import kinds as kernels
 from mm_gym.excitation import noise
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.base import Settings, degree, header
 from mm_gym.methods.linear.kernel import TRANSITION
 from mm_gym.methods.linear_series.method import LONGEST_PIECE
 from mm_gym.methods.runge_kutta.method import RungeKutta
 from mm_gym.methods.support import fastest_rate
 from mm_gym.methods.taylor import layout as series
-from mm_gym.sensitivity import layout as own
+from mm_gym.sensitivity import layout as slots
 from mm_gym.sensitivity.linear_kernel import propagate
 
 if TYPE_CHECKING:
@@ -50,22 +50,22 @@ def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> 
     width
         Columns of deviations that the kernel has, at least those of the state and the causes.
     """
-    model = header(support, own.CAUSES - at.MODEL_OWN + width)
+    model = header(support, slots.CAUSES - layout.MODEL_OWN + width)
     if support.is_general:
         steps = _RUNGE_KUTTA.model(support, Settings(TOLERANCE, 1))
         model[: len(steps)] = steps
     model[series.HAS_FRICTION] = support.slips
-    model[series.IS_CUBIC] = support.is_cubic or at.BETA in causes
-    model[series.IS_FINITE] = support.high[at.L0] > 0.0
-    model[own.FIRST_ROW], model[own.WIDTH] = rows, width
+    model[series.IS_CUBIC] = support.is_cubic or layout.BETA in causes
+    model[series.IS_FINITE] = support.high[layout.L0] > 0.0
+    model[slots.FIRST_ROW], model[slots.WIDTH] = rows, width
     phase = fastest_rate(support) * support.sample_interval
-    model[own.PIECES], model[own.DEGREE] = _pieces(phase)
-    model[own.DEGREE] += max(support.terms - 1, 0)  # a jet's last term begins so much later
+    model[slots.PIECES], model[slots.DEGREE] = _pieces(phase)
+    model[slots.DEGREE] += max(support.terms - 1, 0)  # a jet's last term begins so much later
     phase *= support.intervals_per_step
-    model[own.STEP_PIECES], model[own.STEP_DEGREE] = _pieces(phase)
-    model[own.CAUSES :] = own.NONE
-    model[own.CAUSES + len(support.state_rows) :][: len(causes)] = causes
-    model[at.EXCITATION] = len(model)
+    model[slots.STEP_PIECES], model[slots.STEP_DEGREE] = _pieces(phase)
+    model[slots.CAUSES :] = slots.NONE
+    model[slots.CAUSES + len(support.state_rows) :][: len(causes)] = causes
+    model[layout.EXCITATION] = len(model)
     return np.concatenate([model, support.excitation])
 
 
@@ -85,7 +85,7 @@ def control_step(model: Array) -> tuple[Array, Array]:
     """
     once = model[TRANSITION : TRANSITION + 20].reshape(4, 5)
     state, force = np.eye(4), np.zeros((4, 1))
-    for _ in range(int(model[at.INTERVALS])):
+    for _ in range(int(model[layout.INTERVALS])):
         state, force = once[:, :4] @ state, once[:, :4] @ force + once[:, 4:]
     return state, force
 
@@ -97,13 +97,13 @@ def parameter_maps(support: Support, causes: Sequence[int], lane: Array) -> tupl
     causes, 5): the derivatives of x1, x2, v1, v2 with respect to each parameter, per unit of x1,
     x2, v1, v2 and force.
     """
-    rows, width = len(lane), own.STATES + len(causes)
-    lanes = np.zeros((rows + own.TANGENTS + 4 * width, 5))
+    rows, width = len(lane), slots.STATES + len(causes)
+    lanes = np.zeros((rows + slots.TANGENTS + 4 * width, 5))
     lanes[:rows] = lane[:, None]
-    lanes[[*range(4), at.FORCE]] = np.eye(5)
-    lanes[rows + own.LAST_V1 : rows + own.TANGENTS - 1] = lanes[at.V1 : at.V2 + 1]
+    lanes[[*range(4), layout.FORCE]] = np.eye(5)
+    lanes[rows + slots.LAST_V1 : rows + slots.TANGENTS - 1] = lanes[layout.V1 : layout.V2 + 1]
     status = propagate(model_of(support, causes, rows, width), lanes, 0, 5)
-    return status, lanes[rows + own.TANGENTS :].reshape(4, width, 5)[:, own.STATES :].copy()
+    return status, lanes[rows + slots.TANGENTS :].reshape(4, width, 5)[:, slots.STATES :].copy()
 
 
 def expected(support: Support, model: Array, values: Array) -> tuple[Support, Array, Array]:
@@ -116,15 +116,15 @@ def expected(support: Support, model: Array, values: Array) -> tuple[Support, Ar
     described, model, values = support.excitation.copy(), model.copy(), values.copy()
     spread = slice(shaping.SPREAD, shaping.START_SPREAD)
     for k in range(int(described[0])):
-        slots = described[kernels.FIRST + kernels.SIZE * k :][: kernels.SIZE]
-        row, place = int(slots[kernels.ROW]), int(slots[kernels.OWN + noise.PLACE])
-        if slots[kernels.KIND] == kernels.IMPULSE:
+        source = described[kernels.FIRST + kernels.SIZE * k :][: kernels.SIZE]
+        row, place = int(source[kernels.ROW]), int(source[kernels.OWN + noise.PLACE])
+        if source[kernels.KIND] == kernels.IMPULSE:
             time, following = values[row + process.TIME], values[row + process.NEXT]
             values[row + process.NEXT] = np.where(following <= time, time, process.NEVER)
             values[row + process.RANDOM] = process.NEVER
             values[row + process.RATE] = 0.0
-        elif slots[kernels.KIND] == kernels.FILTER:
+        elif source[kernels.KIND] == kernels.FILTER:
             matrices = described[place:] if place else values[row + noise.ROWS :]
             matrices[spread] = 0.0
-    model[int(model[at.EXCITATION]) :] = described
+    model[int(model[layout.EXCITATION]) :] = described
     return replace(support, excitation=described), model, values

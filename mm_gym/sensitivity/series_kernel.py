@@ -16,7 +16,7 @@ import numpy as np
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.excitation.jets import add_harmonic, add_jets
 from mm_gym.excitation.sources import ROWS_OF_HARMONIC, is_excited
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.extended import total
 from mm_gym.lanes.simd import alike, element
@@ -52,7 +52,7 @@ _X1, _OFFSET, V1, W, _SQUARE, FORCE, GROUND, _SHIFT, _LONG, _SHORT = (
 # Behind them a lane's rows up to the harmonics, a harmonic, and what the equations read of them:
 # forces per m1.
 LANE = 10 * _LENGTH
-_HARMONIC = LANE + at.HARMONICS
+_HARMONIC = LANE + layout.HARMONICS
 _BY_M1, _RATIO, _K1, _BETA, _D, _PAIR, _HELD, _K2, _TWICE_K0, _PULL, _BY_L0 = (
     _HARMONIC + ROWS_OF_HARMONIC + k for k in range(11)
 )
@@ -69,30 +69,37 @@ def _load(model, lanes, i, c):
     """Load a lane's state and parameters, and what the equations read of these."""
     prefer_widest_vectors()
     lane = from_row(c, LANE)
-    read_rows(model, lanes, i, 0, at.HARMONICS, lane, 0)
+    read_rows(model, lanes, i, 0, layout.HARMONICS, lane, 0)
     read_state(model, lanes, i, 4, lane)
-    x1, v1 = lane[at.X1], lane[at.V1]
-    c[_X1], c[V1], c[W] = x1, v1, lane[at.V2] - v1
-    c[_OFFSET] = lane[at.X2] - x1
-    _, c[_REST] = total(value_of(lane[at.X2]), -value_of(x1))
-    by_m1 = 1.0 / lane[at.M1]
-    c[_BY_M1], c[_RATIO] = by_m1, 1.0 + lane[at.M1] / lane[at.M2]
-    k1 = lane[at.K1] * by_m1
-    c[_K1], c[_BETA], c[_D] = k1 * lane[at.ALPHA], k1 * lane[at.BETA], lane[at.D] * by_m1
-    pair, held = control_forces(model, lane[at.FORCE])
+    x1, v1 = lane[layout.X1], lane[layout.V1]
+    c[_X1], c[V1], c[W] = x1, v1, lane[layout.V2] - v1
+    c[_OFFSET] = lane[layout.X2] - x1
+    _, c[_REST] = total(value_of(lane[layout.X2]), -value_of(x1))
+    by_m1 = 1.0 / lane[layout.M1]
+    c[_BY_M1], c[_RATIO] = by_m1, 1.0 + lane[layout.M1] / lane[layout.M2]
+    k1 = lane[layout.K1] * by_m1
+    c[_K1], c[_BETA], c[_D] = (
+        k1 * lane[layout.ALPHA],
+        k1 * lane[layout.BETA],
+        lane[layout.D] * by_m1,
+    )
+    pair, held = control_forces(model, lane[layout.FORCE])
     c[_PAIR], c[_HELD] = pair * by_m1, held * by_m1
-    k0, stretch = lane[at.K0] * by_m1, lane[at.STRETCH]
+    k0, stretch = lane[layout.K0] * by_m1, lane[layout.STRETCH]
     c[_K2] = 0.0
     if model[IS_FINITE] > 0.0:
-        c[_TWICE_K0], c[_PULL], c[_BY_L0] = k0 + k0, k0 * lane[at.L0], 1.0 / lane[at.L0]
+        c[_TWICE_K0], c[_PULL], c[_BY_L0] = k0 + k0, k0 * lane[layout.L0], 1.0 / lane[layout.L0]
     elif value_of(k0) > 0.0:
         c[_K2] = stiffness(k0, stretch)
-    c[_STICK] = lane[at.C] * by_m1
+    c[_STICK] = lane[layout.C] * by_m1
     if model[HAS_FRICTION] > 0.0:
-        vr, normal = lane[at.VR], lane[at.FN]
-        c[_STICK], c[_CHI] = stick_slope(lane[at.MU1], normal, vr) * by_m1, lane[at.CHI] * by_m1
-        kinetic = kinetic_force(lane[at.MU2], normal)
-        c[_INTERCEPT] = slip_intercept(kinetic, lane[at.CHI], vr) * by_m1
+        vr, normal = lane[layout.VR], lane[layout.FN]
+        c[_STICK], c[_CHI] = (
+            stick_slope(lane[layout.MU1], normal, vr) * by_m1,
+            lane[layout.CHI] * by_m1,
+        )
+        kinetic = kinetic_force(lane[layout.MU2], normal)
+        c[_INTERCEPT] = slip_intercept(kinetic, lane[layout.CHI], vr) * by_m1
 
 
 @inlined_kernel
@@ -116,9 +123,9 @@ def _write_excitation(model, lanes, i, c, elapsed, unit):
         c[FORCE + n] = c[GROUND + n] = 0.0
     force, ground, harmonic = from_row(c, FORCE), from_row(c, GROUND), from_row(c, _HARMONIC)
     add_jets(force, ground, model, lanes, i, elapsed, unit, ORDER)
-    for j in range(int(model[at.HARMONIC_COUNT])):
+    for j in range(int(model[layout.HARMONIC_COUNT])):
         read_harmonic(model, lanes, i, j, harmonic)
-        shakes = (int(model[at.GROUND]) >> j) & 1
+        shakes = (int(model[layout.GROUND]) >> j) & 1
         wave = harmonic[0], harmonic[1], harmonic[2], harmonic[3]
         add_harmonic(ground if shakes else force, wave, elapsed, unit, ORDER)
 
@@ -168,7 +175,7 @@ def _stretch(c, offset, n):
     c[_SHIFT + n] = offset * c[_BY_L0]
     if n == 0:
         lane = from_row(c, LANE)
-        stretch, l0, rest = lane[at.STRETCH], lane[at.L0], value_of(c[_REST])
+        stretch, l0, rest = lane[layout.STRETCH], lane[layout.L0], value_of(c[_REST])
         # Rounded once: of a side that is nearly gone no digits cancel.
         long = (fma(stretch, l0, offset) + rest) * c[_BY_L0]
         short = (fma(stretch, l0, -offset) - rest) * c[_BY_L0]
@@ -327,10 +334,10 @@ def propagating(note, enough=_ENOUGH):
         """Advance one lane, series by series, with room for those of the slip velocity."""
         prefer_widest_vectors()
         friction, lane = model[HAS_FRICTION] > 0.0, from_row(c, LANE)
-        vr = value_of(lane[at.VR]) if friction else np.inf
+        vr = value_of(lane[layout.VR]) if friction else np.inf
         regime = sign_of(vr, value_of(c[W]))
         upper, lower = gaps_of(vr, value_of(c[W]))
-        elapsed, unit, duration = 0.0, model[at.SAMPLE_INTERVAL], model[at.SAMPLE_INTERVAL]
+        elapsed, unit, duration = 0.0, model[layout.SAMPLE_INTERVAL], model[layout.SAMPLE_INTERVAL]
         _enter(c, regime)
         for _ in range(MOST_SERIES):
             unit = min(unit, duration - elapsed)
@@ -339,7 +346,7 @@ def propagating(note, enough=_ENOUGH):
                 _write_excitation(model, lanes, i, c, elapsed, unit)
             order = _expand(model, c, unit, enough)
             if order == 0:
-                return at.COLLAPSED
+                return layout.COLLAPSED
             theta, direction = 1.0, 0.0
             if order == ORDER:
                 theta = _part_of_unit(model, c, unit, enough)
@@ -354,11 +361,11 @@ def propagating(note, enough=_ENOUGH):
             _evaluate(c, theta, order)
             size = abs(value_of(c[_X1])) + abs(value_of(c[_OFFSET]))
             if not size + abs(value_of(c[V1])) + abs(value_of(c[W])) < np.inf:
-                return at.DIVERGED
+                return layout.DIVERGED
             elapsed += theta * unit
             if direction != 0.0:
                 rate, regime = _slope(slip, theta, order) / unit, direction - regime
-                _jump(c, lane[at.VR] * direction, rate, regime)
+                _jump(c, lane[layout.VR] * direction, rate, regime)
                 upper, lower = gaps_on(vr, direction)
             else:
                 upper, lower = gaps_of(vr, value_of(c[W]))
@@ -371,15 +378,15 @@ def propagating(note, enough=_ENOUGH):
             elif direction == 0.0:
                 unit *= max(theta, SHORTER)
         else:
-            return at.TOO_MANY_SERIES
-        lane[at.X1], lane[at.X2] = c[_X1], c[_X1] + c[_OFFSET]
-        lane[at.V1], lane[at.V2] = c[V1], c[V1] + c[W]
+            return layout.TOO_MANY_SERIES
+        lane[layout.X1], lane[layout.X2] = c[_X1], c[_X1] + c[_OFFSET]
+        lane[layout.V1], lane[layout.V2] = c[V1], c[V1] + c[W]
         write_state(model, lanes, i, 4, lane)
-        return at.OK
+        return layout.OK
 
     @borrowing_kernel
     def advance_all(model, lanes, slip, first, last):
-        c, status = tangents_of(_numbers()), at.OK
+        c, status = tangents_of(_numbers()), layout.OK
         for i in range(first, last):
             _load(model, lanes, i, c)
             status = max(status, advance(model, lanes, i, c, slip))

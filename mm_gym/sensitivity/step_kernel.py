@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.harmonics import rotate
 from mm_gym.excitation.kinds import excite, excited, has_corners
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.memory import copy_row, fill, span
 from mm_gym.sensitivity import cubic_kernel, linear_kernel, series_kernel
 from mm_gym.sensitivity.layout import FIRST_ROW, LAST_V1, LAST_V2, STATES, TANGENTS, TIME, WIDTH
@@ -41,17 +41,17 @@ def step_by(
         Arguments are those of `mm_gym.step`; the lanes' rows are followed by those of
         `sensitivity.layout`.
         """
-        status = at.OK
+        status = layout.OK
         command(task, lanes, actions, lanes[lanes.shape[0] - 1], first, last)  # no use of rewards
         hold(model, lanes, first, last)
         begin(model, lanes, first, last)
-        for interval in range(int(model[at.INTERVALS])):
+        for interval in range(int(model[layout.INTERVALS])):
             if excited(model):
                 excite(model, lanes, streams, interval, first, last)
             status = max(status, cross(model, lanes, interval, first, last))
             rotate(model, lanes, interval, first, last)
         finish(model, lanes, first, last)
-        lanes[at.NOW, first] += 1.0
+        lanes[layout.NOW, first] += 1.0
         pass_frame(task, streams, first, last)
         return status
 
@@ -76,11 +76,11 @@ def beginning_with(states: int) -> Callable[..., None]:
 @borrowing_kernel
 def _begin_motion(model, lanes, first, last):
     """Write the time since an episode's start, and the velocities before impulses."""
-    own, length = int(model[FIRST_ROW]), model[at.SAMPLE_INTERVAL] * model[at.INTERVALS]
-    copy_row(lanes, at.V1, own + LAST_V1, first, last)
-    copy_row(lanes, at.V2, own + LAST_V2, first, last)
+    own, length = int(model[FIRST_ROW]), model[layout.SAMPLE_INTERVAL] * model[layout.INTERVALS]
+    copy_row(lanes, layout.V1, own + LAST_V1, first, last)
+    copy_row(lanes, layout.V2, own + LAST_V2, first, last)
     for i in span(first, last):
-        lanes[own + TIME, i] = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * length
+        lanes[own + TIME, i] = (lanes[layout.NOW, first] - lanes[layout.BEGAN, i]) * length
 
 
 @borrowing_kernel

@@ -13,7 +13,7 @@ import numpy as np
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.excitation.kinds import has_corners
 from mm_gym.excitation.sources import ROWS_OF_HARMONIC
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.simd import element, everywhere, inverse_root, with_element
 from mm_gym.lanes.simd_masks import larger, smaller
 from mm_gym.lanes.simd_memory import from_row, rows_on_stack
@@ -31,7 +31,7 @@ from mm_gym.law.interface import (
 from mm_gym.law.motion import coefficients, control_forces
 from mm_gym.law.springs import stiffness
 from mm_gym.methods.runge_kutta import kernel as runge_kutta
-from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta import layout as slots
 from mm_gym.methods.runge_kutta.tableau_kernel import summed
 from mm_gym.sensitivity.columns_kernel import read_harmonic, read_rows, read_state, write_state
 from mm_gym.sensitivity.layout import WIDTH
@@ -52,7 +52,7 @@ UNRESOLVED = 256.0
 next."""
 
 # Behind the rows of a step, those of a lane up to the harmonics.
-_numbers = rows_on_stack(2 * (of.SIZE + at.HARMONICS))
+_numbers = rows_on_stack(2 * (slots.SIZE + layout.HARMONICS))
 
 
 def step_with(interface: Interface) -> Callable[..., int]:
@@ -60,7 +60,7 @@ def step_with(interface: Interface) -> Callable[..., int]:
 
     @borrowing_kernel
     def propagate(model, lanes, first, last):
-        b, status = tangents_of(_numbers()), at.OK
+        b, status = tangents_of(_numbers()), layout.OK
         for i in range(first, last):
             status = max(status, _propagate_lane(interface, model, lanes, i, b))
         return status
@@ -91,9 +91,9 @@ def slopes_with(interface: Interface) -> Callable[..., None]:
         if held >= 0:
             b[held] = tangent(p[held], with_element(everywhere(0.0), 4, 1.0))
         for k in range(4):
-            b[of.PARAMETERS + k] = tangent(point[k], with_element(everywhere(0.0), k, 1.0))
-        offset, slip = b[of.PARAMETERS], b[of.PARAMETERS + 1]
-        own = b[of.PARAMETERS + 2], b[of.PARAMETERS + 3]
+            b[slots.PARAMETERS + k] = tangent(point[k], with_element(everywhere(0.0), k, 1.0))
+        offset, slip = b[slots.PARAMETERS], b[slots.PARAMETERS + 1]
+        own = b[slots.PARAMETERS + 2], b[slots.PARAMETERS + 3]
         first, second = rates_of(interface, b, offset, slip, own)
         force = force_of(interface, b, offset, slip, own)
         each = force, springs_of(interface, b, offset, slip, own), first, second
@@ -108,18 +108,18 @@ def slopes_with(interface: Interface) -> Callable[..., None]:
 @borrowing_kernel
 def _propagate_lane(interface, model, lanes, i, b):
     """Advance a lane by one sample interval, or a part of it; return its status."""
-    interval, h = model[at.SAMPLE_INTERVAL], model[at.SAMPLE_INTERVAL] / model[of.STEPS]
-    last = of.KICKS + 2 * int(model[of.STAGES])
+    interval, h = model[layout.SAMPLE_INTERVAL], model[layout.SAMPLE_INTERVAL] / model[slots.STEPS]
+    last = slots.KICKS + 2 * int(model[slots.STAGES])
     _load(interface, model, lanes, i, b)
     runge_kutta.set_length(b, h)
-    b[of.ELAPSED] = 0.0
+    b[slots.ELAPSED] = 0.0
     elapsed, is_new = 0.0, True
     for _ in range(MOST_STEPS):
         if is_new:
             kicks = runge_kutta.first_kicks(interface, model, b)
-            runge_kutta.write_kicks(interface, b, of.KICKS, kicks)
+            runge_kutta.write_kicks(interface, b, slots.KICKS, kicks)
             is_new = False
-        for k in range(int(model[of.STAGES])):
+        for k in range(int(model[slots.STAGES])):
             runge_kutta.pass_stage(interface, model, b, k)
         error = _error(interface, model, b, h)
         if not error < np.inf:
@@ -132,73 +132,75 @@ def _propagate_lane(interface, model, lanes, i, b):
             factor = max(factor, 2.0)
         if error <= 1.0 or is_shortest:
             for row in range(states_of(interface)):
-                b[row] = b[of.END + row]
+                b[row] = b[slots.END + row]
             if h >= interval - elapsed:
                 write_state(model, lanes, i, states_of(interface), b)
-                return at.OK
+                return layout.OK
             elapsed += h
-            b[of.ELAPSED] = elapsed
+            b[slots.ELAPSED] = elapsed
             for row in range(2):
-                b[of.KICKS + row] = b[last + row]
-            for row in range(of.OWN_KICKS, of.OWN_KICKS + own_states_of(interface)):
-                b[row] = b[last + row - of.KICKS]
+                b[slots.KICKS + row] = b[last + row]
+            for row in range(slots.OWN_KICKS, slots.OWN_KICKS + own_states_of(interface)):
+                b[row] = b[last + row - slots.KICKS]
         elif not h > 0.0:
             break
         following = min(h * factor, interval - elapsed)
-        for first in (of.KICKS, of.OWN_KICKS):
+        for first in (slots.KICKS, slots.OWN_KICKS):
             for row in range(first, first + 2):
                 b[row] = b[row] * (following / h)
         h = following
         runge_kutta.set_length(b, h)
-    return at.TOO_MANY_STEPS
+    return layout.TOO_MANY_STEPS
 
 
 @borrowing_kernel
 def _load(interface, model, lanes, i, b):
     """Load a lane's motion, its deviations, and its parameters."""
-    lane = from_row(b, of.SIZE)
-    read_rows(model, lanes, i, 0, at.HARMONICS, lane, 0)
+    lane = from_row(b, slots.SIZE)
+    read_rows(model, lanes, i, 0, layout.HARMONICS, lane, 0)
     read_state(model, lanes, i, states_of(interface), b)
     p = coefficients(
-        lane[at.M1],
-        lane[at.M2],
-        lane[at.K1],
-        lane[at.ALPHA],
-        lane[at.BETA],
-        lane[at.D],
-        stiffness(lane[at.K0], lane[at.STRETCH]),
-        lane[at.K0],
-        1.0 / lane[at.L0],
-        lane[at.STRETCH],
+        lane[layout.M1],
+        lane[layout.M2],
+        lane[layout.K1],
+        lane[layout.ALPHA],
+        lane[layout.BETA],
+        lane[layout.D],
+        stiffness(lane[layout.K0], lane[layout.STRETCH]),
+        lane[layout.K0],
+        1.0 / lane[layout.L0],
+        lane[layout.STRETCH],
     )
     runge_kutta.write_coefficients(b, p)
-    b[of.PAIR], b[of.FORCE] = control_forces(model, lane[at.FORCE])
-    own, terms = parameters_of(interface), 2 * int(model[at.TERMS])
-    read_rows(model, lanes, i, int(model[at.INTERFACE]), own, from_row(b, of.PARAMETERS), 0)
-    read_rows(model, lanes, i, int(model[at.JETS]), terms, from_row(b, of.SOURCES), 0)
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        place = of.SOURCES + terms + ROWS_OF_HARMONIC * j
+    b[slots.PAIR], b[slots.FORCE] = control_forces(model, lane[layout.FORCE])
+    own, terms = parameters_of(interface), 2 * int(model[layout.TERMS])
+    read_rows(model, lanes, i, int(model[layout.INTERFACE]), own, from_row(b, slots.PARAMETERS), 0)
+    read_rows(model, lanes, i, int(model[layout.JETS]), terms, from_row(b, slots.SOURCES), 0)
+    for j in range(int(model[layout.HARMONIC_COUNT])):
+        place = slots.SOURCES + terms + ROWS_OF_HARMONIC * j
         read_harmonic(model, lanes, i, j, from_row(b, place))
 
 
 @borrowing_kernel
 def _error(interface, model, b, h):
     """Return the largest estimate of a step's error, of motion and deviations, over its limit."""
-    number = int(model[of.SUM]) + int(model[of.STAGES])
+    number = int(model[slots.SUM]) + int(model[slots.STAGES])
     zero, error = tangent(0.0, everywhere(0.0)), tangent(0.0, everywhere(0.0))
     q1, q2, r1, r2 = summed(b, number, zero, zero)
     o1, o2, s1, s2 = summed(b, number + 1, zero, zero)
     none = everywhere(0.0)
-    error = _over(model, h, (q1, q2), (o1, o2), (at.V1, at.V2), b, error, none)
-    error = _over(model, h, (h * r1, h * r2), (h * s1, h * s2), (at.X1, at.X2), b, error, none)
-    moves = larger(_size(b, (at.X1, at.X2)), _size(b, (at.V1, at.V2)))
+    error = _over(model, h, (q1, q2), (o1, o2), (layout.V1, layout.V2), b, error, none)
+    error = _over(
+        model, h, (h * r1, h * r2), (h * s1, h * s2), (layout.X1, layout.X2), b, error, none
+    )
+    moves = larger(_size(b, (layout.X1, layout.X2)), _size(b, (layout.V1, layout.V2)))
     own = runge_kutta.summed_own(interface, b, number, (zero, zero))
     other = runge_kutta.summed_own(interface, b, number + 1, (zero, zero))
     for k in range(own_states_of(interface)):
-        row = of.OWN + k
+        row = slots.OWN + k
         error = _over(model, h, (own[k], own[k]), (other[k], other[k]), (row, row), b, error, moves)
-    largest, p = value_of(error), from_row(b, of.PARAMETERS)
-    slips = b[3] - b[2], b[of.END + 3] - b[of.END + 2]
+    largest, p = value_of(error), from_row(b, slots.PARAMETERS)
+    slips = b[3] - b[2], b[slots.END + 3] - b[slots.END + 2]
     if not resolves(interface, p, slips[0], slips[1], runge_kutta.LONGEST_WAY_OF_BOTH):
         largest = max(largest, UNRESOLVED)
     for j in range(int(model[WIDTH])):
@@ -211,7 +213,7 @@ def _size(b, rows):
     """Return how large the deviations of two rows are over the motion in them."""
     scale, width = 0.0, everywhere(0.0)
     for side in range(2):
-        start, end = b[rows[side]], b[of.END + rows[side]]
+        start, end = b[rows[side]], b[slots.END + rows[side]]
         scale = max(scale, abs(value_of(start)), abs(value_of(end)))
         width = larger(width, larger(abs(slopes_of(start)), abs(slopes_of(end))))
     return width * (1.0 / scale if scale > 0.0 else 0.0)
@@ -225,31 +227,31 @@ def _over(model, h, fifth, third, rows, b, error, moves):
     state that is saturated forgets its deviations: they count as far as those of the motion, over
     it, which are `moves`.
     """
-    limit = model[of.LIMIT] * max(h / model[at.SAMPLE_INTERVAL], runge_kutta.LEAST_ALONE)
+    limit = model[slots.LIMIT] * max(h / model[layout.SAMPLE_INTERVAL], runge_kutta.LEAST_ALONE)
     limit = max(limit, runge_kutta.ROUND_OFF)
     value, slopes = value_of(error), slopes_of(error)
     scale, width = 0.0, everywhere(0.0)
     for side in range(2):
-        start, end = b[rows[side]], b[of.END + rows[side]]
+        start, end = b[rows[side]], b[slots.END + rows[side]]
         scale = max(scale, abs(value_of(start)), abs(value_of(end)))
         width = larger(width, larger(abs(slopes_of(start)), abs(slopes_of(end))))
-    if rows[0] >= of.OWN:  # it passes 0 by itself: what it changes by in the interval counts too
-        part = model[at.SAMPLE_INTERVAL] / h
-        kick = b[of.OWN_KICKS + rows[0] - of.OWN]
+    if rows[0] >= slots.OWN:  # it passes 0 by itself: what it changes by in the interval counts too
+        part = model[layout.SAMPLE_INTERVAL] / h
+        kick = b[slots.OWN_KICKS + rows[0] - slots.OWN]
         scale = max(scale, abs(value_of(kick)) * part)
         width = larger(larger(width, abs(slopes_of(kick)) * part), moves * scale)
-    if rows[0] == at.V1:  # what rounding leaves of balanced forces
-        forces = abs(value_of(b[of.FORCE])) + abs(value_of(b[of.PAIR]))
-        forces += abs(value_of(b[of.LINEAR]) * value_of(b[0]))
-        scale += runge_kutta.ROUND_OFF * forces * value_of(b[of.BY_M1]) / limit
+    if rows[0] == layout.V1:  # what rounding leaves of balanced forces
+        forces = abs(value_of(b[slots.FORCE])) + abs(value_of(b[slots.PAIR]))
+        forces += abs(value_of(b[slots.LINEAR]) * value_of(b[0]))
+        scale += runge_kutta.ROUND_OFF * forces * value_of(b[slots.BY_M1]) / limit
     for side in range(2):
         one, two = abs(value_of(fifth[side])), abs(value_of(third[side]))
-        if model[of.IS_COMBINED] > 0.0 and two > 0.0:
+        if model[slots.IS_COMBINED] > 0.0 and two > 0.0:
             one = one * min(1.0, 10.0 * one / two)
         ratio = one / (limit * scale) if one != 0.0 else 0.0
         value = max(value, ratio)  # also if it is not a number
         wide, other = abs(slopes_of(fifth[side])), abs(slopes_of(third[side]))
-        if model[of.IS_COMBINED] > 0.0:
+        if model[slots.IS_COMBINED] > 0.0:
             wide = wide * smaller(everywhere(1.0), 10.0 * wide / other)
         slopes = larger(slopes, wide / (limit * width))
     return tangent(value, slopes)

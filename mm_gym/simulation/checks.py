@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 import numpy as np
 
 from mm_gym.errors import SceneError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -48,9 +48,9 @@ def checked_fields(
 def _check_offset(fixed: Mapping[int, NDArray[np.float64]], support: Support) -> None:
     """Raise `SceneError` for an offset at which a spring of finite stretch has length 0."""
     # As for a scene: at the least stretch, to which an actuator may go in the first step.
-    furthest = support.low[at.STRETCH] * fixed.get(at.L0, support.low[at.L0])
-    offset = fixed.get(at.X2)
-    if support.high[at.L0] > 0.0 and offset is not None and np.any(abs(offset) >= furthest):
+    furthest = support.low[layout.STRETCH] * fixed.get(layout.L0, support.low[layout.L0])
+    offset = fixed.get(layout.X2)
+    if support.high[layout.L0] > 0.0 and offset is not None and np.any(abs(offset) >= furthest):
         msg = (
             f"initial.sphere_offset: got {offset}; allowed: less than stretch * rest_length = "
             f"{furthest} m, where a spring of finite stretch has length 0"
@@ -66,7 +66,7 @@ def _checked(
         msg = f"{name}: got {value!r}; allowed: a number, or {count} of them"
         raise SceneError(msg)
     largest = np.finfo(np.float64).max
-    low, high = (-largest, largest) if row < at.FORCE else (support.low[row], support.high[row])
+    low, high = (-largest, largest) if row < layout.FORCE else (support.low[row], support.high[row])
     if not np.all((array >= low) & (array <= high)):
         msg = (
             f"{name}: got {value}; allowed: {low:g} to {high:g}, which this scene was compiled for"
@@ -117,12 +117,14 @@ def check_values(
                 f"allowed: {low[row]:g} to {high[row]:g}"
             )
             raise SceneError(msg)
-    if not np.all(abs(frames[:, ~idle]) <= at.OBSERVATION_BOUND):
-        msg = f"state.frames: allowed: numbers of magnitude at most {at.OBSERVATION_BOUND:g}"
+    if not np.all(abs(frames[:, ~idle]) <= layout.OBSERVATION_BOUND):
+        msg = f"state.frames: allowed: numbers of magnitude at most {layout.OBSERVATION_BOUND:g}"
         raise SceneError(msg)
-    age = values[at.NOW] - values[at.BEGAN]
+    age = values[layout.NOW] - values[layout.BEGAN]
     if np.any(age < 0.0) or np.any(age % 1.0 > 0.0):
-        msg = f"state.values: rows {at.BEGAN} and {at.NOW}: allowed: whole numbers, in order"
+        msg = (
+            f"state.values: rows {layout.BEGAN} and {layout.NOW}: allowed: whole numbers, in order"
+        )
         raise SceneError(msg)
     _check_relations(values, support)
 
@@ -133,8 +135,10 @@ def _check_relations(values: NDArray[np.float64], support: Support) -> None:
         if np.any(values[row] % 1.0):
             msg = f"state.values: row {row} ({name}): allowed: whole numbers"
             raise SceneError(msg)
-    if support.damped_row and np.any(values[support.damped_row] != values[at.DAMPING]):
-        msg = f"state.values: row {support.damped_row}: allowed: the same as in row {at.DAMPING}"
+    if support.damped_row and np.any(values[support.damped_row] != values[layout.DAMPING]):
+        msg = (
+            f"state.values: row {support.damped_row}: allowed: the same as in row {layout.DAMPING}"
+        )
         raise SceneError(msg)
     for row, ratio, other in support.products:
         if np.any(values[row] != values[ratio] * values[other]):
@@ -148,19 +152,19 @@ def _bounds(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     low, high = np.full_like(support.low, -largest), np.full_like(support.high, largest)
     # What is prepared once for all lanes has the same value everywhere.
     rows = np.flatnonzero((support.low == support.high) & (support.low != 0.0))
-    rows = np.concatenate([rows[rows >= at.M1], np.array(support.parameters, np.int64)])
+    rows = np.concatenate([rows[rows >= layout.M1], np.array(support.parameters, np.int64)])
     low[rows], high[rows] = support.low[rows], support.high[rows]
-    if support.high[at.VR] > 0.0:  # row C has the slope of dry friction in stick
-        low[at.C], high[at.C] = 0.0, largest
-    for clock in (at.BEGAN, at.NOW):
+    if support.high[layout.VR] > 0.0:  # row C has the slope of dry friction in stick
+        low[layout.C], high[layout.C] = 0.0, largest
+    for clock in (layout.BEGAN, layout.NOW):
         low[clock], high[clock] = 0.0, LAST
     if support.age_row:
         low[support.age_row], high[support.age_row] = 0.0, LAST
     for row in support.actuator_rows.values():
-        low[row + at.LAG_FACTOR], high[row + at.LAG_FACTOR] = 0.0, 1.0
-        low[row + at.TRAVEL], high[row + at.TRAVEL] = 0.0, np.inf
+        low[row + layout.LAG_FACTOR], high[row + layout.LAG_FACTOR] = 0.0, 1.0
+        low[row + layout.TRAVEL], high[row + layout.TRAVEL] = 0.0, np.inf
     for j in range(len(support.ground)):
-        turn = at.HARMONICS + at.HARMONIC_ROWS * j + at.COSINE
+        turn = layout.HARMONICS + layout.HARMONIC_ROWS * j + layout.COSINE
         low[turn : turn + 4], high[turn : turn + 4] = -ROUNDED_ONE, ROUNDED_ONE
     return low, high
 
@@ -171,7 +175,7 @@ LAST = 2.0**52
 ROUNDED_ONE = 1.0 + 1e-9
 """Bound of cosines and sines, with more than their round-off."""
 
-ENDING = {at.X1, at.X2, at.V1, at.V2, *at.DERIVED}
+ENDING = {layout.X1, layout.X2, layout.V1, layout.V2, *layout.DERIVED}
 """Rows of a state that may be lost, which ends its episode."""
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compiler.jit import plain
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.carriage_spring import escape_distance
 from mm_gym.law.springs import stiffness
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Values = NDArray[np.float64]
 
-GROWN = (at.TOO_MANY_EVENTS, at.TOO_MANY_SERIES, at.DIVERGED)
+GROWN = (layout.TOO_MANY_EVENTS, layout.TOO_MANY_SERIES, layout.DIVERGED)
 """How a motion that grows forever may end."""
 
 MOST_NAMED = 5
@@ -42,9 +42,9 @@ def text_of(plant: Plant, values: Values, rewards: Values, status: int, age: Val
     age
         (count,) control steps since each episode's start, the present one included.
     """
-    lanes = _escaped(plant, values) if status == at.ESCAPED else _lost(values, rewards)
-    text = at.MESSAGES[status]
-    if status == at.ESCAPED and lanes.size:
+    lanes = _escaped(plant, values) if status == layout.ESCAPED else _lost(values, rewards)
+    text = layout.MESSAGES[status]
+    if status == layout.ESCAPED and lanes.size:
         text = _escape(values[:, lanes[0]], float(age[lanes[0]]) * plant.time_step)
     elif status in GROWN:
         lane = _runaway(values, lanes)
@@ -66,21 +66,23 @@ def _named(lanes: NDArray[np.intp], count: int) -> str:
 
 def _lost(values: Values, rewards: Values) -> NDArray[np.intp]:
     """Return the lanes whose state or cost is not finite."""
-    finite = np.isfinite(values[[at.X1, at.X2, at.V1, at.V2]]).all(axis=0) & np.isfinite(rewards)
+    finite = np.isfinite(values[[layout.X1, layout.X2, layout.V1, layout.V2]]).all(
+        axis=0
+    ) & np.isfinite(rewards)
     return np.flatnonzero(~finite)
 
 
 def _escaped(plant: Plant, values: Values) -> NDArray[np.intp]:
     """Return the lanes whose carriage has escaped."""
-    parameters = values[[at.M1, at.K1, at.ALPHA, at.BETA]].T
+    parameters = values[[layout.M1, layout.K1, layout.ALPHA, layout.BETA]].T
     interval = plant.support.sample_interval
     distances = [plain(escape_distance)(*lane, interval) for lane in parameters]
-    return np.flatnonzero(np.abs(values[at.X1]) > np.array(distances))
+    return np.flatnonzero(np.abs(values[layout.X1]) > np.array(distances))
 
 
 def _escape(lane: Values, time: float) -> str:
     """Return what to say of a lane (rows,) that escaped in the control step until a time [s]."""
-    alpha, beta, x1 = lane[at.ALPHA], lane[at.BETA], lane[at.X1]
+    alpha, beta, x1 = lane[layout.ALPHA], lane[layout.BETA], lane[layout.X1]
     if alpha > 0.0:
         barrier = float(np.sqrt(-alpha / beta))
         what = (
@@ -104,27 +106,31 @@ def growth_of(lane: Values) -> str:
         return ""
     from scipy.linalg import eigvals  # noqa: PLC0415 - nothing else here needs it
 
-    k2 = float(plain(stiffness)(lane[at.K0], lane[at.STRETCH])) if lane[at.K0] > 0.0 else 0.0
-    k, c, d = lane[at.K1] * lane[at.ALPHA], lane[at.C], lane[at.D]
+    k2 = (
+        float(plain(stiffness)(lane[layout.K0], lane[layout.STRETCH]))
+        if lane[layout.K0] > 0.0
+        else 0.0
+    )
+    k, c, d = lane[layout.K1] * lane[layout.ALPHA], lane[layout.C], lane[layout.D]
     generator = np.array(
         [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [-k - k2, k2, -c - d, c], [k2, -k2, c, -c]]
     )
-    masses = np.diag([1.0, 1.0, lane[at.M1], lane[at.M2]])
+    masses = np.diag([1.0, 1.0, lane[layout.M1], lane[layout.M2]])
     rates = np.asarray(eigvals(generator, masses), np.complex128)
     rate = float(rates.real[np.isfinite(rates)].max())
     return (
-        f"carriage.linear_coefficient = {lane[at.ALPHA]:g} without a cubic_coefficient > 0 lets "
-        f"motions grow as exp({rate:.4g} t) forever, t in s: set a cubic_coefficient > 0, or end "
-        "episodes by objective.displacement_limit"
+        f"carriage.linear_coefficient = {lane[layout.ALPHA]:g} without a cubic_coefficient > 0 "
+        f"lets motions grow as exp({rate:.4g} t) forever, t in s: set a cubic_coefficient > 0, or "
+        "end episodes by objective.displacement_limit"
     )
 
 
 def _place(lane: Values, age: np.float64, plant: Plant) -> str:
     """Return where the carriage of a lane (rows,) is, if that is known."""
     time = f" in the control step until t = {float(age) * plant.time_step:.9g} s"
-    if not np.isfinite(lane[at.X1]):
+    if not np.isfinite(lane[layout.X1]):
         return f". The carriage was lost{time}"
-    return f". The carriage is at x1 = {lane[at.X1]:.6g} m{time}"
+    return f". The carriage is at x1 = {lane[layout.X1]:.6g} m{time}"
 
 
 def _runaway(values: Values, lost: NDArray[np.intp]) -> int | None:
@@ -134,8 +140,8 @@ def _runaway(values: Values, lost: NDArray[np.intp]) -> int | None:
         return int(lost[grows[lost]][0])
     if lost.size or not grows.any():
         return None
-    return int(np.argmax(np.where(grows, np.abs(values[at.X1]), -1.0)))
+    return int(np.argmax(np.where(grows, np.abs(values[layout.X1]), -1.0)))
 
 
 def _grows_forever(lanes: Values) -> NDArray[np.bool_]:
-    return np.asarray((lanes[at.ALPHA] < 0.0) & (lanes[at.BETA] == 0.0))
+    return np.asarray((lanes[layout.ALPHA] < 0.0) & (lanes[layout.BETA] == 0.0))

@@ -14,7 +14,7 @@ from mm_gym.compiler.jit import entry_point, plain
 from mm_gym.compiler.notice import expect
 from mm_gym.errors import ActionError, SceneError, SimulationError
 from mm_gym.excitation.kinds import begin_excitation
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.memory import rows_of
 from mm_gym.lanes.random import COUNT, EPISODE, KEY, seed_streams, uniform
 from mm_gym.lanes.threads import nothing
@@ -109,9 +109,9 @@ class Lanes:
         self._as_drawn = np.full(count, np.nan)
         # Looked up once: with few lanes to restart, that takes longer than they do.
         self._products, self._is_excited = plant.support.products, plant.support.sampled
-        self._reserves = bool(plant.task[at.RESERVED])
+        self._reserves = bool(plant.task[layout.RESERVED])
         self._can_gather = not (
-            self._products or self._is_excited or bool(plant.task[at.IS_DERIVED])
+            self._products or self._is_excited or bool(plant.task[layout.IS_DERIVED])
         )
         self._bind_steps()
         self._bind_episodes()
@@ -133,7 +133,7 @@ class Lanes:
         self._ends = rows_of(3, count + -count % 8, np.bool_)
         self.values, self.frames = self._values[:, :count], self._frames[:, :count]
         self.observed = self.frames[: plant.history * len(plant.channels)]
-        self.terminated, self.truncated = self._ends[: at.MARKED, :count]
+        self.terminated, self.truncated = self._ends[: layout.MARKED, :count]
         self.rewards = np.zeros(count)
         self.applied_rows = applied_rows(plant.actuators)
 
@@ -206,7 +206,7 @@ class Lanes:
 
     def _rewarded(self, status: int, rewards: Values) -> int:
         """Replace the rewards of a step of some status, if there is an own one."""
-        if self.own_reward is None or status > at.ENDED:
+        if self.own_reward is None or status > layout.ENDED:
             return status
         return max(status, self.own_reward.kernel(self._values, rewards, 0, self.count))
 
@@ -260,7 +260,7 @@ class Lanes:
         *_, states, applied = self.outputs
         return (
             np.empty(self.observed.shape[::-1], np.float32),
-            np.empty((at.MARKED, self.count), np.bool_),
+            np.empty((layout.MARKED, self.count), np.bool_),
             np.empty(states.shape),
             np.empty(applied.shape),
         )
@@ -341,8 +341,8 @@ class Lanes:
             If the field is unknown, no episode has begun, or the start of a set state is asked for.
         """
         row, support = self.plant.support.row_of(name), self.plant.support
-        stays = row == at.STRETCH and "stretch" not in self.plant.actuators
-        if row > at.DAMPING or stays:
+        stays = row == layout.STRETCH and "stretch" not in self.plant.actuators
+        if row > layout.DAMPING or stays:
             return self.values[row]
         episodes = self.streams[COUNT] >> np.uint64(EPISODE)
         if not episodes.all():
@@ -364,7 +364,7 @@ class Lanes:
 
     def _note_given(self, which: NDArray[np.int64], fixed: Mapping[int, Values]) -> None:
         """Note what is given in place of what an episode would draw of its initial state."""
-        for row in (row for row in fixed if row <= at.DAMPING):
+        for row in (row for row in fixed if row <= layout.DAMPING):
             self._given.setdefault(row, self._as_drawn.copy())
         for row, values in self._given.items():
             values[which] = np.broadcast_to(fixed.get(row, np.nan), self.count)[which]
@@ -377,8 +377,8 @@ class Lanes:
         """
         arrays = {name: array.copy() for name, array in self._state().items()}
         values = arrays["values"]
-        values[at.NOW] = self._blocks(values[at.NOW]) - values[at.BEGAN]
-        values[[at.BEGAN, at.DUE]] = 0.0
+        values[layout.NOW] = self._blocks(values[layout.NOW]) - values[layout.BEGAN]
+        values[[layout.BEGAN, layout.DUE]] = 0.0
         return {"scene": self.plant.digest, **arrays}
 
     def restore(self, snapshot: Mapping[str, Any], idle: NDArray[np.bool_] | None = None) -> None:
@@ -403,17 +403,17 @@ class Lanes:
         check_values(snapshot["values"], snapshot["frames"], self.plant.support, idle)
         for name, array in self._state().items():
             array[...] = snapshot[name]
-        age = self.values[at.NOW] - self.values[at.BEGAN]
-        now = np.maximum.reduceat(age, np.arange(0, self.count, at.BLOCK))
-        self.values[at.NOW, :: at.BLOCK] = now
-        self.values[at.BEGAN] = self._blocks(self.values[at.NOW]) - age
-        self.values[at.DUE] = 0.0  # the next step finds it
-        self._ends[at.MARKED] = True
-        self._given = {row: np.full(self.count, np.inf) for row in range(at.DAMPING + 1)}
+        age = self.values[layout.NOW] - self.values[layout.BEGAN]
+        now = np.maximum.reduceat(age, np.arange(0, self.count, layout.BLOCK))
+        self.values[layout.NOW, :: layout.BLOCK] = now
+        self.values[layout.BEGAN] = self._blocks(self.values[layout.NOW]) - age
+        self.values[layout.DUE] = 0.0  # the next step finds it
+        self._ends[layout.MARKED] = True
+        self._given = {row: np.full(self.count, np.inf) for row in range(layout.DAMPING + 1)}
 
     def _blocks(self, clock: Values) -> Values:
         """Return each lane's clock, from the first lanes of the blocks."""
-        return np.repeat(clock[:: at.BLOCK], at.BLOCK)[: self.count]
+        return np.repeat(clock[:: layout.BLOCK], layout.BLOCK)[: self.count]
 
     def _state(self) -> dict[str, NDArray[Any]]:
         return {name: getattr(self, name) for name in STATE_ARRAYS}
@@ -423,24 +423,24 @@ class Lanes:
 
         The number of unfinished control steps is that of those which the clock does not show yet.
         """
-        if status == at.UNREWARDED and self.own_reward is not None:
+        if status == layout.UNREWARDED and self.own_reward is not None:
             lane = self.own_reward.first_fault(self.values)
             where = f"lane {lane}: " if self.count > 1 else ""
             msg = where + self.own_reward.fault(self.values[:, lane])
             raise SimulationError(msg)
-        if status > at.NOT_FINITE:
-            age = self._blocks(self.values[at.NOW]) - self.values[at.BEGAN]
+        if status > layout.NOT_FINITE:
+            age = self._blocks(self.values[layout.NOW]) - self.values[layout.BEGAN]
             age += unfinished
             raise SimulationError(text_of(self.plant, self.values, self.rewards, status, age))
-        if status == at.NOT_FINITE:
+        if status == layout.NOT_FINITE:
             msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
             raise ActionError(msg)
 
 
 def applied_rows(actuators: Sequence[str]) -> slice:
     """Return the rows of what actuators apply, in the order of the action."""
-    rows = [at.APPLIED[name] for name in actuators]
-    first = rows[0] if rows else at.STRETCH
+    rows = [layout.APPLIED[name] for name in actuators]
+    first = rows[0] if rows else layout.STRETCH
     return slice(first, first if not rows else rows[-1] + 1, rows[1] - first if rows[1:] else 1)
 
 

@@ -24,7 +24,7 @@ from mm_gym.excitation.kinds import (
     next_corner,
     write_rows_of_jets,
 )
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -114,7 +114,7 @@ def blank(plant: Plant, start: Array, steps: int) -> Recording:
 
 def held_rows(plant: Plant) -> list[int]:
     """Return the rows of what is held over a control step: force, stretch, a semi-active device."""
-    return [at.FORCE, at.STRETCH, *([at.DAMPING] if plant.support.damped_row else [])]
+    return [layout.FORCE, layout.STRETCH, *([layout.DAMPING] if plant.support.damped_row else [])]
 
 
 def first(recording: Recording, count: int) -> Recording:
@@ -169,9 +169,12 @@ def lanes_at(recording: Recording, start: tuple[Array, ...], elapsed: float = 0.
         lanes[support.damped_row] = applied[:, 2]
     lanes[support.jets : support.jets + 2 * support.terms] = jets.T
     for harmonic in harmonic_rows(plant):
-        frequency = lanes[harmonic + at.FREQUENCY]
-        angle = lanes[harmonic + at.PHASE] + frequency * times + frequency * elapsed
-        lanes[harmonic + at.COSINE], lanes[harmonic + at.SINE] = np.cos(angle), np.sin(angle)
+        frequency = lanes[harmonic + layout.FREQUENCY]
+        angle = lanes[harmonic + layout.PHASE] + frequency * times + frequency * elapsed
+        lanes[harmonic + layout.COSINE], lanes[harmonic + layout.SINE] = (
+            np.cos(angle),
+            np.sin(angle),
+        )
     return lanes
 
 
@@ -185,9 +188,9 @@ def column(recording: Recording, row: int, elapsed: float, duration: float) -> A
     start = recording.starts[rows], recording.applied[rows], jets, np.array([began])
     lane = lanes_at(recording, start, elapsed)[:, 0]
     for harmonic in harmonic_rows(recording.plant):
-        turn = lane[harmonic + at.FREQUENCY] * duration
-        lane[harmonic + at.ROTATE_COSINE] = np.cos(turn)
-        lane[harmonic + at.ROTATE_SINE] = np.sin(turn)
+        turn = lane[harmonic + layout.FREQUENCY] * duration
+        lane[harmonic + layout.ROTATE_COSINE] = np.cos(turn)
+        lane[harmonic + layout.ROTATE_SINE] = np.sin(turn)
     return lane
 
 
@@ -196,7 +199,7 @@ def lane_at(recording: Recording, row: int) -> Array:
     support = recording.plant.support
     lane = column(recording, row, 0.0, support.sample_interval)[:, None].copy()
     lane[support.jets : support.jets + 2 * support.terms, 0] = recording.jets[row]
-    lane[at.BEGAN], lane[at.NOW] = 0.0, row // support.intervals_per_step
+    lane[layout.BEGAN], lane[layout.NOW] = 0.0, row // support.intervals_per_step
     pass_impulses(recording.plant.model, lane, float(row))
     return lane
 
@@ -245,8 +248,8 @@ def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[fl
         yield elapsed, end - elapsed, values
         shorter = plant.at_interval(end - elapsed)
         status = plant.entries.propagate(shorter.model, values, 0, 1)
-        if status > at.ENDED:
-            msg = f"{plant.method.name}: {at.MESSAGES[status]}"
+        if status > layout.ENDED:
+            msg = f"{plant.method.name}: {layout.MESSAGES[status]}"
             raise SimulationError(msg)
         state, elapsed = values[rows, 0], end
         state[2:4] += impulses[impulses[:, 0] == elapsed, 1:].sum(axis=0)
@@ -296,7 +299,9 @@ def locate(recording: Recording, instants: Array) -> Place:
 def harmonic_rows(plant: Plant) -> range:
     """Return the first row of each harmonic."""
     return range(
-        at.HARMONICS, at.HARMONICS + at.HARMONIC_ROWS * len(plant.support.ground), at.HARMONIC_ROWS
+        layout.HARMONICS,
+        layout.HARMONICS + layout.HARMONIC_ROWS * len(plant.support.ground),
+        layout.HARMONIC_ROWS,
     )
 
 
@@ -314,8 +319,8 @@ def excitation(recording: Recording, place: Place) -> Array:
             out[:, target] += recording.jets[inner, target * support.terms + n] * parts**n
     time = place.row * support.sample_interval + place.part
     for harmonic, ground in zip(harmonic_rows(plant), support.ground, strict=True):
-        angle = p[harmonic + at.PHASE] + p[harmonic + at.FREQUENCY] * time
-        out[:, int(ground)] += p[harmonic + at.AMPLITUDE] * np.sin(angle)
+        angle = p[harmonic + layout.PHASE] + p[harmonic + layout.FREQUENCY] * time
+        out[:, int(ground)] += p[harmonic + layout.AMPLITUDE] * np.sin(angle)
     for target, values in _records(recording, time):
         out[:, target] += values
     return out

@@ -8,7 +8,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError, suggest
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring, dry_friction, springs
 from mm_gym.law.interface import MOST_STATES
 from mm_gym.step.channels import CHANNELS
@@ -30,7 +30,9 @@ def spring_force(support: Support, p: Array, state: Array, stretch: Array) -> Ar
 
 def _stretched(p: Array, state: Array, stretch: Array) -> Array:
     """Return the same (n,) [N] of springs that are no part of the interface."""
-    force = plain(springs.spring_force)(p[at.K0], p[at.L0], stretch, state[:, 1] - state[:, 0])
+    force = plain(springs.spring_force)(
+        p[layout.K0], p[layout.L0], stretch, state[:, 1] - state[:, 0]
+    )
     return np.broadcast_to(force, len(state)).astype(np.float64)
 
 
@@ -49,8 +51,8 @@ def interface_force(support: Support, p: Array, state: Array) -> Array:
     if support.is_general:
         return _by_value(support, support.interface.force, p, state)
     slip = state[:, 3] - state[:, 2]
-    c, vr, chi = p[at.C], float(np.max(p[at.VR])), p[at.CHI]
-    intercept = plain(dry_friction.slip_intercept)(p[at.KINETIC_FORCE], chi, vr)
+    c, vr, chi = p[layout.C], float(np.max(p[layout.VR])), p[layout.CHI]
+    intercept = plain(dry_friction.slip_intercept)(p[layout.KINETIC_FORCE], chi, vr)
     regime = np.where(np.abs(slip) <= plain(dry_friction.threshold)(vr), 0.0, np.sign(slip))
     force = np.empty(len(slip))
     for side in (-1.0, 0.0, 1.0):
@@ -88,8 +90,10 @@ def base_force(support: Support, p: Array, state: Array, applied: Array) -> Arra
     actuator stands on the base. Arguments are those of `acceleration`.
     """
     x1, v1, p = state[:, 0], state[:, 2], damped(support, p, applied)
-    spring = plain(carriage_spring.carriage_force)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
-    own = spring + p[at.D] * v1
+    spring = plain(carriage_spring.carriage_force)(
+        p[layout.K1], p[layout.ALPHA], p[layout.BETA], x1
+    )
+    own = spring + p[layout.D] * v1
     return own if support.is_between else own - applied[:, 0]
 
 
@@ -111,7 +115,7 @@ def acceleration(
     SimulationError
         If the carriage has no mass.
     """
-    if p[at.M1] == 0.0:
+    if p[layout.M1] == 0.0:
         msg = "carriage.mass: 0 has no finite acceleration; give it some mass"
         raise SimulationError(msg)
     inner = interface_force(support, damped(support, p, applied), state)
@@ -119,7 +123,7 @@ def acceleration(
     outer = disturbance - base_force(support, p, state, applied)
     if support.is_between:
         inner = inner + applied[:, 0]
-    return np.column_stack([(inner + outer) / p[at.M1], -inner / p[at.M2]])
+    return np.column_stack([(inner + outer) / p[layout.M1], -inner / p[layout.M2]])
 
 
 def check_channel(name: str) -> None:

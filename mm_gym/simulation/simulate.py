@@ -16,7 +16,7 @@ from mm_gym.compiler.jit import OBSTACLE
 from mm_gym.compiler.notice import NOT_KEPT
 from mm_gym.errors import ActionError, SimulationError
 from mm_gym.files import write_csv
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
 from mm_gym.scene.excitation import Recorded
@@ -200,7 +200,7 @@ def _commands(
 
 def _columns(plant: Plant) -> list[int]:
     """Return the column of each actuator in what is held."""
-    return [at.APPLIED[name] - at.FORCE for name in plant.actuators]
+    return [layout.APPLIED[name] - layout.FORCE for name in plant.actuators]
 
 
 def _check_finite(

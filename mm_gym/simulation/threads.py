@@ -19,7 +19,7 @@ import numpy as np
 
 from mm_gym.compiler.addresses import address_of
 from mm_gym.compiler.jit import LINKED, entry_point
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.threads import in_threads, nothing
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Threads:
 
     def __init__(self, count: int, threads: int) -> None:
         # Whole blocks for each thread, so that no two write to the same cache line.
-        length = at.BLOCK * ceil(count / (at.BLOCK * threads))
+        length = layout.BLOCK * ceil(count / (layout.BLOCK * threads))
         self._statuses = np.zeros(ceil(count / length), np.int64)
         self._ranges = (self._statuses, length, count)
         self._all_lanes = (0, count)

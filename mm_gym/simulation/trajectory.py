@@ -14,7 +14,7 @@ import numpy as np
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import SimulationError
 from mm_gym.files import write_csv
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.springs import LINEAR
 from mm_gym.simulation.energy.work import mechanical_energy, work_of
 from mm_gym.simulation.recording import excitation
@@ -131,7 +131,7 @@ class Trajectory:
             values = self.state[:, channel.row]
             subtracted = channel.subtracted
             return values - self.state[:, subtracted] if subtracted in range(4) else values
-        if name == "stretch" and self.parameters[at.STRETCH] == LINEAR:
+        if name == "stretch" and self.parameters[layout.STRETCH] == LINEAR:
             msg = "channel: got 'stretch'; springs.kind = 'linear' has no stretch"
             raise SimulationError(msg)
         if name in ("damping", "voltage"):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.compiler.jit import plain
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
 
@@ -78,9 +78,18 @@ def values_of(row: NDArray[np.float64]) -> dict[str, Decimal]:
     """
     m1, m2, k1, d, alpha, c, k0, stretch = (
         Decimal(float(row[i]))
-        for i in (at.M1, at.M2, at.K1, at.D, at.ALPHA, at.C, at.K0, at.STRETCH)
+        for i in (
+            layout.M1,
+            layout.M2,
+            layout.K1,
+            layout.D,
+            layout.ALPHA,
+            layout.C,
+            layout.K0,
+            layout.STRETCH,
+        )
     )
-    mu1, normal, vr = (Decimal(float(row[i])) for i in (at.MU1, at.FN, at.VR))
+    mu1, normal, vr = (Decimal(float(row[i])) for i in (layout.MU1, layout.FN, layout.VR))
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         k2 = plain(springs.stiffness)(k0, stretch)
         c = plain(dry_friction.stick_slope)(mu1, normal, vr) if vr else c

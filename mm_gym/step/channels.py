@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 
 class Channel(NamedTuple):
@@ -31,33 +31,35 @@ class Channel(NamedTuple):
     meaning: str
 
 
-NONE = at.NO_ROW
+NONE = layout.NO_ROW
 
 CHANNELS: dict[str, Channel] = {
-    "carriage_displacement": Channel(at.X1, NONE, "m", "displacement", "x1"),
-    "sphere_displacement": Channel(at.X2, NONE, "m", "displacement", "x2"),
-    "sphere_offset": Channel(at.X2, at.X1, "m", "stroke", "x2 - x1"),
-    "carriage_velocity": Channel(at.V1, NONE, "m/s", "velocity", "v1"),
-    "sphere_velocity": Channel(at.V2, NONE, "m/s", "velocity", "v2"),
-    "slip_velocity": Channel(at.V2, at.V1, "m/s", "velocity", "v2 - v1"),
-    "stretch": Channel(at.STRETCH, NONE, "-", "stretch", "stretch of the springs"),
-    "damping": Channel(at.DAMPING, NONE, "N s/m", "damping", "coefficient of an actuated damper"),
-    "voltage": Channel(at.DAMPING, NONE, "V", "voltage", "of a magnetorheological damper"),
-    "applied_force": Channel(at.FORCE, NONE, "N", "limit", "of the actuator on the carriage"),
+    "carriage_displacement": Channel(layout.X1, NONE, "m", "displacement", "x1"),
+    "sphere_displacement": Channel(layout.X2, NONE, "m", "displacement", "x2"),
+    "sphere_offset": Channel(layout.X2, layout.X1, "m", "stroke", "x2 - x1"),
+    "carriage_velocity": Channel(layout.V1, NONE, "m/s", "velocity", "v1"),
+    "sphere_velocity": Channel(layout.V2, NONE, "m/s", "velocity", "v2"),
+    "slip_velocity": Channel(layout.V2, layout.V1, "m/s", "velocity", "v2 - v1"),
+    "stretch": Channel(layout.STRETCH, NONE, "-", "stretch", "stretch of the springs"),
+    "damping": Channel(
+        layout.DAMPING, NONE, "N s/m", "damping", "coefficient of an actuated damper"
+    ),
+    "voltage": Channel(layout.DAMPING, NONE, "V", "voltage", "of a magnetorheological damper"),
+    "applied_force": Channel(layout.FORCE, NONE, "N", "limit", "of the actuator on the carriage"),
     "carriage_acceleration": Channel(
-        at.CARRIAGE_ACCELERATION, NONE, "m/s^2", "acceleration", "absolute, of the carriage"
+        layout.CARRIAGE_ACCELERATION, NONE, "m/s^2", "acceleration", "absolute, of the carriage"
     ),
     "sphere_acceleration": Channel(
-        at.SPHERE_ACCELERATION, NONE, "m/s^2", "acceleration", "absolute, of the sphere"
+        layout.SPHERE_ACCELERATION, NONE, "m/s^2", "acceleration", "absolute, of the sphere"
     ),
     "spring_force": Channel(
-        at.SPRING_FORCE, NONE, "N", "force", "of the sphere's springs on the carriage"
+        layout.SPRING_FORCE, NONE, "N", "force", "of the sphere's springs on the carriage"
     ),
     "disturbance_force": Channel(
-        at.DISTURBANCE, NONE, "N", "force", "of the excitation on the carriage"
+        layout.DISTURBANCE, NONE, "N", "force", "of the excitation on the carriage"
     ),
     "ground_acceleration": Channel(
-        at.GROUND_ACCELERATION, NONE, "m/s^2", "acceleration", "of the ground"
+        layout.GROUND_ACCELERATION, NONE, "m/s^2", "acceleration", "of the ground"
     ),
 }
 """Name -> channel, in the order in which the schema and the documentation list them."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mm_gym.compiler.addresses import call, call_and_tell
 from mm_gym.compiler.jit import borrowing_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.memory import span
 
 LAW_FAILED = -1
@@ -35,18 +35,18 @@ def run(law, law_arguments, step, step_arguments, rewarding, its_arguments, foun
         if call_and_tell(law, law_arguments):
             return LAW_FAILED
         status = call(step, step_arguments)
-        if status <= at.ENDED:
+        if status <= layout.ENDED:
             status = max(status, call(rewarding, its_arguments))
-        if status > at.ENDED:
+        if status > layout.ENDED:
             return status
         steps += 1
         for i in span(0, count):
             reward = rewards[i] if lengths[i] == 0 else 0.0
             returns[i] += reward
             least[i] = min(least[i], reward)
-        if status == at.ENDED:
+        if status == layout.ENDED:
             running -= _end(lanes, ends, steps, lengths, terminated)
-    return at.OK
+    return layout.OK
 
 
 @borrowing_kernel
@@ -54,9 +54,9 @@ def _end(lanes, ends, steps, lengths, terminated):
     """Note the episodes that a step ends, and let their lanes rest; return how many there are."""
     ended = 0
     for i in span(0, lengths.shape[0]):
-        if ends[at.TERMINATED, i] or ends[at.TRUNCATED, i]:
+        if ends[layout.TERMINATED, i] or ends[layout.TRUNCATED, i]:
             if lengths[i] == 0:
-                lengths[i], terminated[i] = steps, ends[at.TERMINATED, i]
+                lengths[i], terminated[i] = steps, ends[layout.TERMINATED, i]
                 ended += 1
             for row in range(4):  # its motion must not make a step fail
                 lanes[row, i] = 0.0

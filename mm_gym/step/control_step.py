@@ -8,7 +8,7 @@ from mm_gym.compiler.jit import borrowing_kernel, plain
 from mm_gym.excitation.harmonics import rotate
 from mm_gym.excitation.impulses import apply_first_impulses
 from mm_gym.excitation.kinds import excite, has_corners
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.carriage_spring import are_terminated
 from mm_gym.law.interface import LINE, Interface, state_row
 from mm_gym.step.crossing import at_none, by_pieces, by_superposition, unchanged
@@ -136,7 +136,7 @@ def leave(model, lanes, streams, interval, first, last):
 def excite_and_apply(model, lanes, streams, interval, first, last):
     """Excite, and apply the impulses at the interval's start, so that a recording shows them."""
     excite(model, lanes, streams, interval, first, last)
-    clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
+    clock = lanes[layout.NOW, first], model[layout.INTERVALS], float(interval)
     apply_first_impulses(model, lanes, clock, first, last)
 
 
@@ -158,7 +158,7 @@ def _advance(step: Callable[..., int]) -> Callable[..., int]:
         """Make one control step, without resets; none moves if one action is not finite."""
         task, model = task_and_model(constants)
         if not finite(actions):
-            return at.NOT_FINITE
+            return layout.NOT_FINITE
         return step(task, model, lanes, frames, ends, streams, actions, rewards, first, last)
 
     return advance
@@ -195,26 +195,26 @@ def _entries(
             (n, 2 terms) written: coefficients of force [N] and ground acceleration [m/s^2] but for
             those of records.
         """
-        terms, first = int(model[at.TERMS]), int(model[at.JETS])
+        terms, first = int(model[layout.TERMS]), int(model[layout.JETS])
         for n in range(commands.shape[0]):
             steer(task, lanes, commands[n])
             hold(model, lanes, 0, 1)
-            for interval in range(int(model[at.INTERVALS])):
-                k = n * int(model[at.INTERVALS]) + interval
+            for interval in range(int(model[layout.INTERVALS])):
+                k = n * int(model[layout.INTERVALS]) + interval
                 disturb_and_apply(model, lanes, streams, interval, 0, 1)
                 for column in range(applied.shape[1]):
-                    applied[k, column] = lanes[at.FORCE + column, 0]
+                    applied[k, column] = lanes[layout.FORCE + column, 0]
                 for row in range(2 * terms):
                     jets[k, row] = lanes[first + row, 0]
                 record_state(model, lanes, starts, k)
                 status = cross(model, lanes, interval, 0, 1)
-                if status > at.ENDED:
+                if status > layout.ENDED:
                     return status
                 rotate(model, lanes, interval, 0, 1)
                 record_state(model, lanes, states, k)
-            lanes[at.NOW, 0] += 1.0
+            lanes[layout.NOW, 0] += 1.0
             pass_frame(task, streams, 0, 1)
-        return at.OK
+        return layout.OK
 
     return _advance(in_turn(cross, disturb, derive)), run
 
@@ -232,29 +232,29 @@ def in_turn(
         """Command, excite, propagate and score the lanes of a block."""
         command(task, lanes, actions, rewards, first, last)
         hold(model, lanes, first, last)
-        status = at.OK
-        for interval in range(int(model[at.INTERVALS])):
+        status = layout.OK
+        for interval in range(int(model[layout.INTERVALS])):
             disturb(model, lanes, streams, interval, first, last)
             status = max(status, cross(model, lanes, interval, first, last))
-            if model[at.HARMONIC_COUNT] > 0.0:
+            if model[layout.HARMONIC_COUNT] > 0.0:
                 rotate(model, lanes, interval, first, last)
         return max(status, score(task, lanes, rewards, first, last))
 
     @borrowing_kernel
     def step(task, model, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step."""
-        status = at.OK
-        for start in range(first, last, at.BLOCK):
-            stop = min(start + at.BLOCK, last)
+        status = layout.OK
+        for start in range(first, last, layout.BLOCK):
+            stop = min(start + layout.BLOCK, last)
             outcome = move(task, model, lanes, streams, actions, rewards, start, stop)
             ended = check_termination(task, lanes, ends, start, stop)
-            if outcome == at.ESCAPED and are_terminated(
-                lanes, ends, model[at.SAMPLE_INTERVAL], start, stop
+            if outcome == layout.ESCAPED and are_terminated(
+                lanes, ends, model[layout.SAMPLE_INTERVAL], start, stop
             ):
-                outcome = at.OK
+                outcome = layout.OK
             status = max(status, outcome, ended)
             derive(task, model, lanes, start, stop)
-            if task[at.HAS_DERIVED_COST] > 0.0:
+            if task[layout.HAS_DERIVED_COST] > 0.0:
                 status = max(status, score_derived(task, lanes, rewards, start, stop))
             observe(task, lanes, frames, streams, start, stop)
         return status

@@ -33,7 +33,7 @@ from mm_gym.excitation.kinds import (
     part_slot,
     write_jets,
 )
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.elementary import cosine_and_sine
 from mm_gym.lanes.simd import LANES
 from mm_gym.lanes.simd_masks import lowest
@@ -51,11 +51,11 @@ def by_superposition(propagate, respond):
 
     @borrowing_kernel
     def add_few(model, slot, lanes, clock, start, inside):
-        row, step = int(model[slot + ROW]) + process.NEXT, model[at.SAMPLE_INTERVAL]
+        row, step = int(model[slot + ROW]) + process.NEXT, model[layout.SAMPLE_INTERVAL]
         while inside != 0:
             i = start + lowest(inside)
             inside &= inside - 1
-            count = intervals_since(clock, lanes[at.BEGAN, i])
+            count = intervals_since(clock, lanes[layout.BEGAN, i])
             since = process.earliest(count, step)
             while lanes[row, i] < process.before_end(count, step):
                 elapsed = lanes[row, i] - count * step
@@ -64,7 +64,7 @@ def by_superposition(propagate, respond):
 
     @borrowing_kernel
     def add_responses(model, lanes, clock, groups, first, last):
-        step = model[at.SAMPLE_INTERVAL]
+        step = model[layout.SAMPLE_INTERVAL]
         while groups != 0:
             start = first + LANES * lowest(groups)
             groups &= groups - 1
@@ -79,7 +79,7 @@ def by_superposition(propagate, respond):
     @borrowing_kernel
     def move(model, lanes, interval, first, last):
         groups_within = 0
-        clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
+        clock = lanes[layout.NOW, first], model[layout.INTERVALS], float(interval)
         if excited(model):
             if has_impulses(model):
                 groups_within = apply_first_impulses(model, lanes, clock, first, last)
@@ -113,14 +113,18 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
 
     @kernel
     def walk(model, lanes, clock, first, last):
-        own, terms, row = int(model[at.EXCITATION]), int(model[at.TERMS]), int(model[at.JETS])
-        harmonics, step = int(model[at.HARMONIC_COUNT]), model[at.SAMPLE_INTERVAL]
+        own, terms, row = (
+            int(model[layout.EXCITATION]),
+            int(model[layout.TERMS]),
+            int(model[layout.JETS]),
+        )
+        harmonics, step = int(model[layout.HARMONIC_COUNT]), model[layout.SAMPLE_INTERVAL]
         piece, others, phases = np.empty(own), np.empty(2 * terms), np.empty((2, harmonics))
         for slot in range(own):
             piece[slot] = model[slot]
-        status = at.OK
+        status = layout.OK
         for i in range(first, last):
-            count = intervals_since(clock, lanes[at.BEGAN, i])
+            count = intervals_since(clock, lanes[layout.BEGAN, i])
             began, elapsed = count * step, 0.0
             close = ROUND_OFF * (began + step)
             for n in range(2 * terms):
@@ -133,7 +137,7 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
                     end = min(end, next_corner(model, lanes, began, elapsed, step, i))
                 end = max(end, elapsed)
                 if end - elapsed > close:
-                    piece[at.SAMPLE_INTERVAL] = end - elapsed
+                    piece[layout.SAMPLE_INTERVAL] = end - elapsed
                     shorten(model, piece)
                     write_jets(model, lanes, others, began, elapsed, end - elapsed, i)
                     _turn_phases(lanes, phases, elapsed, i)
@@ -141,8 +145,8 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
                 elapsed = end
                 if impulse <= end < step:
                     v1, v2 = take_impulses(model, lanes, count, impulse, i)
-                    lanes[at.V1, i] += v1
-                    lanes[at.V2, i] += v2
+                    lanes[layout.V1, i] += v1
+                    lanes[layout.V2, i] += v2
             _turn_phases(lanes, phases, 0.0, i)
         return status
 
@@ -154,13 +158,13 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
 
     @borrowing_kernel
     def around_impulses(model, lanes, clock, first, last):
-        status, begin, step = at.OK, first, model[at.SAMPLE_INTERVAL]
+        status, begin, step = layout.OK, first, model[layout.SAMPLE_INTERVAL]
         for start in range(first, last, LANES):
             stop = min(start + LANES, last)
             if not some_impulse(model, lanes, clock, start, stop - start):
                 continue
             for i in range(start, stop):
-                count = intervals_since(clock, lanes[at.BEGAN, i])
+                count = intervals_since(clock, lanes[layout.BEGAN, i])
                 if next_impulse(model, lanes, count, i) < step:
                     if begin < i:
                         status = max(status, whole(model, lanes, clock, begin, i))
@@ -172,7 +176,7 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
 
     @borrowing_kernel
     def move(model, lanes, interval, first, last):
-        clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
+        clock = lanes[layout.NOW, first], model[layout.INTERVALS], float(interval)
         groups_within = 0
         if excited(model) and has_impulses(model):
             groups_within = apply_first_impulses(model, lanes, clock, first, last)
@@ -189,16 +193,19 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
 def _save_phases(lanes, phases, i):
     """Copy cosine and sine of every harmonic."""
     for j in range(phases.shape[1]):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        phases[0, j], phases[1, j] = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        phases[0, j], phases[1, j] = (
+            lanes[harmonic + layout.COSINE, i],
+            lanes[harmonic + layout.SINE, i],
+        )
 
 
 @borrowing_kernel
 def _turn_phases(lanes, phases, elapsed, i):
     """Write cosine and sine of every harmonic some time after the phases that were saved."""
     for j in range(phases.shape[1]):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        turn = lanes[harmonic + at.FREQUENCY, i] * elapsed
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        turn = lanes[harmonic + layout.FREQUENCY, i] * elapsed
         c, s = cosine_and_sine(turn)
-        lanes[harmonic + at.COSINE, i] = c * phases[0, j] - s * phases[1, j]
-        lanes[harmonic + at.SINE, i] = s * phases[0, j] + c * phases[1, j]
+        lanes[harmonic + layout.COSINE, i] = c * phases[0, j] - s * phases[1, j]
+        lanes[harmonic + layout.SINE, i] = s * phases[0, j] + c * phases[1, j]

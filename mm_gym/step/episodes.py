@@ -13,7 +13,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.harmonics import begin_harmonic
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import clip, prefer_widest_vectors
 from mm_gym.lanes.listed import copy_within, gather_row, place_of, run_of, scatter_row, set_row
 from mm_gym.lanes.memory import span
@@ -58,12 +58,14 @@ def list_ended(ends, eights, which):
     places, some, found = which[7 * count :], np.uintp(0), np.uintp(0)
     for k in span(0, count):
         places[some] = k
-        some += np.uintp((eights[at.TERMINATED, k] | eights[at.TRUNCATED, k]) != np.uint64(0))
+        some += np.uintp(
+            (eights[layout.TERMINATED, k] | eights[layout.TRUNCATED, k]) != np.uint64(0)
+        )
     for j in span(0, some):
         k = np.uintp(places[j])
         for i in span(8 * k, 8 * k + 8):
             which[found] = i
-            found += np.uintp(ends[at.TERMINATED, i] | ends[at.TRUNCATED, i])
+            found += np.uintp(ends[layout.TERMINATED, i] | ends[layout.TRUNCATED, i])
     return np.int64(found)
 
 
@@ -89,18 +91,18 @@ def start(template, draws, constants, lanes, streams, which, rows, values, first
         for i in own:
             lanes[rows[k], i] = values[k, i]
     complete(model, task, lanes, own)
-    return at.OK
+    return layout.OK
 
 
 @borrowing_kernel
 def draw(template, draws, lanes, streams, which):
     """Fill lanes with the scene's start and draw what is random; of them, only clocks are read."""
-    for row in range(at.DAMPING + 1):
+    for row in range(layout.DAMPING + 1):
         set_row(lanes, row, template[row], which)
     for k in span(0, which.shape[0]):
         i = which[k]
         next_episode(streams, i)
-        lanes[at.BEGAN, i] = lanes[at.NOW, i - i % at.BLOCK]
+        lanes[layout.BEGAN, i] = lanes[layout.NOW, i - i % layout.BLOCK]
     for j in range(draws.shape[0]):
         draw_row(lanes, int(draws[j, 0]), draws[j, 1], draws[j, 2], streams, which)
 
@@ -124,19 +126,21 @@ def complete(model, task, lanes, which):
     Until here row X2 holds the sphere's offset, because that is what a scene states.
     """
     for k in span(0, which.shape[0]):
-        lanes[at.X2, which[k]] += lanes[at.X1, which[k]]
+        lanes[layout.X2, which[k]] += lanes[layout.X1, which[k]]
     for actuator in ACTUATORS:
         slot, row, asked, _ = actuator
         if task[slot + IS_RATE] > 0.0:
             copy_within(lanes, row, asked, which)
-    if model[at.DAMPED] > 0.0:
-        copy_within(lanes, at.DAMPING, int(model[at.DAMPED]), which)
+    if model[layout.DAMPED] > 0.0:
+        copy_within(lanes, layout.DAMPING, int(model[layout.DAMPED]), which)
     begin_sensors(task, lanes, which)
     begin_own(task, lanes, which)
     first, last = run_of(which)
     if last > first:
         _write_regimes_and_phases(model, lanes, first, last)
-    elif which.shape[0] > 0 and (lanes[at.VR, which[0]] != 0.0 or model[at.HARMONIC_COUNT] > 0.0):
+    elif which.shape[0] > 0 and (
+        lanes[layout.VR, which[0]] != 0.0 or model[layout.HARMONIC_COUNT] > 0.0
+    ):
         for i in which:
             _write_regimes_and_phases(model, lanes, i, i + 1)
 
@@ -145,9 +149,9 @@ def complete(model, task, lanes, which):
 def _write_regimes_and_phases(model, lanes, first, last):
     """Write the regimes and the harmonics' phases of the lanes first .. last - 1."""
     write_regimes(lanes, first, last)
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        begin_harmonic(lanes, harmonic, model[at.SAMPLE_INTERVAL], first, last)
+    for j in range(int(model[layout.HARMONIC_COUNT])):
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        begin_harmonic(lanes, harmonic, model[layout.SAMPLE_INTERVAL], first, last)
 
 
 def show_first_with(derive: Callable[..., None]) -> Callable[..., int]:
@@ -157,11 +161,11 @@ def show_first_with(derive: Callable[..., None]) -> Callable[..., int]:
     def show_first(model, task, lanes, frames, streams, which, first, last):
         """Fill the history of the lanes listed with their first frame."""
         own = which[place_of(first, which) : place_of(last, which)]
-        if task[at.IS_DERIVED] > 0.0:
+        if task[layout.IS_DERIVED] > 0.0:
             for i in own:
                 derive(task, model, lanes, i, i + 1)
         fill_history(task, lanes, frames, streams, own)
-        return at.OK
+        return layout.OK
 
     return show_first
 
@@ -169,8 +173,8 @@ def show_first_with(derive: Callable[..., None]) -> Callable[..., int]:
 @borrowing_kernel
 def pause(ends, rewards, which):
     """Let the lanes listed, which begin anew in place of a step, earn and end nothing in it."""
-    set_row(ends, at.TERMINATED, False, which)
-    set_row(ends, at.TRUNCATED, False, which)
+    set_row(ends, layout.TERMINATED, False, which)
+    set_row(ends, layout.TRUNCATED, False, which)
     for k in span(0, which.shape[0]):
         rewards[which[k]] = 0.0
 
@@ -178,7 +182,7 @@ def pause(ends, rewards, which):
 @borrowing_kernel
 def fill_history(task, lanes, frames, streams, which):
     """Fill the history of the lanes listed with their first frame; what is derived is known."""
-    channels = int(task[at.CHANNEL_COUNT])
+    channels = int(task[layout.CHANNEL_COUNT])
     newest = frames.shape[0] - channels
     first, last = run_of(which)
     write_channels(task, lanes, frames, newest, first, last)
@@ -188,12 +192,12 @@ def fill_history(task, lanes, frames, streams, which):
         bias_row = bias_row_of(task, c)
         for k in span(0, which.shape[0]):
             value = lanes[row, which[k]]
-            if subtracted_row != at.NO_ROW:
+            if subtracted_row != layout.NO_ROW:
                 value -= lanes[subtracted_row, which[k]]
-            if bias_row != at.NO_ROW:
+            if bias_row != layout.NO_ROW:
                 value += lanes[bias_row, which[k]]
             frames[newest + c, which[k]] = shown(value, scale, shift)
-    if task[at.IS_NOISY] > 0.0:
+    if task[layout.IS_NOISY] > 0.0:
         blur(task, lanes, frames, newest, streams, first, last)
         for i in which[: 0 if last > first else which.shape[0]]:
             blur(task, lanes, frames, newest, streams, i, i + 1)
@@ -208,11 +212,11 @@ def fill_history(task, lanes, frames, streams, which):
 def rest(lanes, actions, which, first, last):
     """Let the lanes listed rest at zero, unless an action is not finite; return the status."""
     if not finite(actions):
-        return at.NOT_FINITE
+        return layout.NOT_FINITE
     own = which[place_of(first, which) : place_of(last, which)]
     for row in range(4):
         set_row(lanes, row, 0.0, own)
-    return at.OK
+    return layout.OK
 
 
 def lists_of_start(
@@ -224,28 +228,28 @@ def lists_of_start(
     come first.
     """
     drawn = [int(row) for row in draws[:, 0]]
-    read, written = [], [*range(at.DAMPING + 1), *drawn]
-    sensors = int(task[at.SENSORS_ROW])
+    read, written = [], [*range(layout.DAMPING + 1), *drawn]
+    sensors = int(task[layout.SENSORS_ROW])
     if sensors:
-        channels = int(task[at.CHANNEL_COUNT])
-        read += range(sensors, sensors + at.SENSORS_SIZE + at.ERRORS_SIZE * channels)
-        written += [sensors + at.DELAY, sensors + at.AGE]
+        channels = int(task[layout.CHANNEL_COUNT])
+        read += range(sensors, sensors + layout.SENSORS_SIZE + layout.ERRORS_SIZE * channels)
+        written += [sensors + layout.DELAY, sensors + layout.AGE]
     for slot, _, asked, slot_own in ACTUATORS:
         own = int(task[slot_own])
         if own:
-            read += [own + at.LAG, own + at.RATE_LIMIT]
-            written += [own + at.LAG_FACTOR, own + at.TRAVEL]
+            read += [own + layout.LAG, own + layout.RATE_LIMIT]
+            written += [own + layout.LAG_FACTOR, own + layout.TRAVEL]
         if task[slot + IS_RATE]:
             written.append(asked)
-    if model[at.DAMPED]:
-        written.append(int(model[at.DAMPED]))
-    if template[at.VR] or at.VR in drawn:
+    if model[layout.DAMPED]:
+        written.append(int(model[layout.DAMPED]))
+    if template[layout.VR] or layout.VR in drawn:
         read += REGIMES_READ
         written += REGIMES_WRITTEN
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        read += [harmonic + at.FREQUENCY, harmonic + at.PHASE]
-        written += range(harmonic + at.COSINE, harmonic + at.ROTATE_SINE + 1)
+    for j in range(int(model[layout.HARMONIC_COUNT])):
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        read += [harmonic + layout.FREQUENCY, harmonic + layout.PHASE]
+        written += range(harmonic + layout.COSINE, harmonic + layout.ROTATE_SINE + 1)
     read = [row for row in read if row not in drawn]
     written = sorted({*written})
     return np.array([len(read), len(written), *read, *written, *range(count)], np.int64)
@@ -274,7 +278,7 @@ def restart_gathered(template, draws, constants, lanes, streams, frames, lists, 
     read, written = lists[2:after_read], lists[after_read : after_read + lists[1]]
     listed, own = which[begin:end], lists[after_read + lists[1] :][begin:end]
     own_lanes, own_streams = lanes[template.shape[0] :], streams[COUNT + 1 :]
-    stored = frames.shape[0] - int(task[at.CHANNEL_COUNT])
+    stored = frames.shape[0] - int(task[layout.CHANNEL_COUNT])
     own_frame = frames[stored:]
     gather_row(streams, KEY, own_streams, listed, begin)
     gather_row(streams, COUNT, own_streams, listed, begin)
@@ -288,7 +292,7 @@ def restart_gathered(template, draws, constants, lanes, streams, frames, lists, 
         scatter_row(own_lanes, row, lanes, row, listed, begin)
     for k in span(0, listed.shape[0]):
         i = np.uintp(listed[k])
-        lanes[at.BEGAN, i] = lanes[at.NOW, i - i % np.uintp(at.BLOCK)]
+        lanes[layout.BEGAN, i] = lanes[layout.NOW, i - i % np.uintp(layout.BLOCK)]
     for row in range(stored):
         scatter_row(own_frame, row % own_frame.shape[0], frames, row, listed, begin)
-    return at.OK
+    return layout.OK

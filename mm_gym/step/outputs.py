@@ -9,7 +9,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.excitation.jets import jet_value
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.lanes.listed import place_of
 from mm_gym.lanes.memory import copy_row, copy_rows, fill, span
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 @inlined_kernel
 def _line(model, lanes, i):  # noqa: ARG001 - other interfaces look up their row in the model
     """Return the force [N] of a viscous interface or of dry friction on a lane's carriage."""
-    c, vr, kinetic = lanes[at.C, i], lanes[at.VR, i], lanes[at.KINETIC_FORCE, i]
-    w = lanes[at.V2, i] - lanes[at.V1, i]
-    return interface_force(c, vr, kinetic, lanes[at.CHI, i], w), 0.0
+    c, vr, kinetic = lanes[layout.C, i], lanes[layout.VR, i], lanes[layout.KINETIC_FORCE, i]
+    w = lanes[layout.V2, i] - lanes[layout.V1, i]
+    return interface_force(c, vr, kinetic, lanes[layout.CHI, i], w), 0.0
 
 
 def link_of(interface: Interface) -> Callable[..., tuple[float, float]]:
@@ -43,9 +43,12 @@ def link_of(interface: Interface) -> Callable[..., tuple[float, float]]:
 
     @borrowing_kernel
     def link(model, lanes, i):
-        first = int(model[at.INTERFACE])
+        first = int(model[layout.INTERFACE])
         own = own_at(interface, lanes[:, i], first - own_states_of(interface))
-        offset, w = lanes[at.X2, i] - lanes[at.X1, i], lanes[at.V2, i] - lanes[at.V1, i]
+        offset, w = (
+            lanes[layout.X2, i] - lanes[layout.X1, i],
+            lanes[layout.V2, i] - lanes[layout.V1, i],
+        )
         p = lanes[first:, i]
         force = force_of(interface, p, offset, w, own)
         return force, springs_of(interface, p, offset, w, own)
@@ -63,14 +66,14 @@ def derive_with(link: Callable[..., float]) -> Callable[..., None]:
         The first three of them are written only if one of the three is, DISTURBANCE only then or
         if a channel shows it.
         """
-        if not task[at.IS_DERIVED] > 0.0:
+        if not task[layout.IS_DERIVED] > 0.0:
             return
-        has_reactions, is_pushed = task[at.HAS_REACTIONS] > 0.0, False
-        for k in range(int(task[at.CHANNEL_COUNT])):
-            is_pushed |= rows_of(task, k)[0] == at.DISTURBANCE
+        has_reactions, is_pushed = task[layout.HAS_REACTIONS] > 0.0, False
+        for k in range(int(task[layout.CHANNEL_COUNT])):
+            is_pushed |= rows_of(task, k)[0] == layout.DISTURBANCE
         if has_reactions or is_pushed:
-            write_excitation(model, lanes, at.DISTURBANCE, False, first, last)
-        write_excitation(model, lanes, at.GROUND_ACCELERATION, True, first, last)
+            write_excitation(model, lanes, layout.DISTURBANCE, False, first, last)
+        write_excitation(model, lanes, layout.GROUND_ACCELERATION, True, first, last)
         if has_reactions:
             for i in range(first, last):
                 write_reactions(model, lanes, link(model, lanes, i), i)
@@ -81,15 +84,17 @@ def derive_with(link: Callable[..., float]) -> Callable[..., None]:
 @borrowing_kernel
 def write_reactions(model, lanes, link, i):
     """Write accelerations and spring force of a lane, given what its `link_of` returns [N]."""
-    x1, offset = lanes[at.X1, i], lanes[at.X2, i] - lanes[at.X1, i]
-    springs = spring_force(lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i], offset)
-    pair, held = control_forces(model, lanes[at.FORCE, i])
+    x1, offset = lanes[layout.X1, i], lanes[layout.X2, i] - lanes[layout.X1, i]
+    springs = spring_force(
+        lanes[layout.K0, i], lanes[layout.L0, i], lanes[layout.STRETCH, i], offset
+    )
+    pair, held = control_forces(model, lanes[layout.FORCE, i])
     inner = link[0] + springs + pair
-    spring = carriage_force(lanes[at.K1, i], lanes[at.ALPHA, i], lanes[at.BETA, i], x1)
-    outer = lanes[at.DISTURBANCE, i] + held - lanes[at.D, i] * lanes[at.V1, i]
-    lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer - spring) / lanes[at.M1, i]  # (1)
-    lanes[at.SPHERE_ACCELERATION, i] = -inner / lanes[at.M2, i]  # (2) of docs/model.md
-    lanes[at.SPRING_FORCE, i] = springs + link[1]
+    spring = carriage_force(lanes[layout.K1, i], lanes[layout.ALPHA, i], lanes[layout.BETA, i], x1)
+    outer = lanes[layout.DISTURBANCE, i] + held - lanes[layout.D, i] * lanes[layout.V1, i]
+    lanes[layout.CARRIAGE_ACCELERATION, i] = (inner + outer - spring) / lanes[layout.M1, i]  # (1)
+    lanes[layout.SPHERE_ACCELERATION, i] = -inner / lanes[layout.M2, i]  # (2) of docs/model.md
+    lanes[layout.SPRING_FORCE, i] = springs + link[1]
 
 
 @borrowing_kernel
@@ -102,39 +107,46 @@ def write_excitation(model, lanes, row, ground, first, last):
         lanes[row, first] = excitation(model, lanes, ground, first)
         return
     fill(lanes, row, 0.0, first, last)
-    terms = int(model[at.TERMS])
-    jet = int(model[at.JETS]) + (terms if ground else 0)
+    terms = int(model[layout.TERMS])
+    jet = int(model[layout.JETS]) + (terms if ground else 0)
     for n in range(terms - 1, -1, -1):
         for i in span(first, last):
             lanes[row, i] += lanes[jet + n, i]
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+    for j in range(int(model[layout.HARMONIC_COUNT])):
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
         if is_of(model, j, ground):
             for i in span(first, last):
-                lanes[row, i] += lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.SINE, i]
+                lanes[row, i] += (
+                    lanes[harmonic + layout.AMPLITUDE, i] * lanes[harmonic + layout.SINE, i]
+                )
 
 
 @borrowing_kernel
 def is_of(model, j, ground):
     """Tell whether harmonic j shakes the ground, or if not `ground`, pushes the carriage."""
-    return ((int(model[at.GROUND]) >> j) & 1 == 1) == ground
+    return ((int(model[layout.GROUND]) >> j) & 1 == 1) == ground
 
 
 @borrowing_kernel
 def excitation(model, lanes, ground, i):
     """Return the disturbing force [N] or the ground's acceleration [m/s^2] at an interval's end."""
-    terms = int(model[at.TERMS])
-    total = jet_value(lanes, int(model[at.JETS]) + (terms if ground else 0), terms, 1.0, i)
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+    terms = int(model[layout.TERMS])
+    total = jet_value(lanes, int(model[layout.JETS]) + (terms if ground else 0), terms, 1.0, i)
+    for j in range(int(model[layout.HARMONIC_COUNT])):
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
         if is_of(model, j, ground):
-            total += lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.SINE, i]
+            total += lanes[harmonic + layout.AMPLITUDE, i] * lanes[harmonic + layout.SINE, i]
     return total
 
 
-BOUND = np.float32(at.OBSERVATION_BOUND)
+BOUND = np.float32(layout.OBSERVATION_BOUND)
 
-STATE = ((at.X1, at.NO_ROW), (at.X2, at.X1), (at.V1, at.NO_ROW), (at.V2, at.NO_ROW))
+STATE = (
+    (layout.X1, layout.NO_ROW),
+    (layout.X2, layout.X1),
+    (layout.V1, layout.NO_ROW),
+    (layout.V2, layout.NO_ROW),
+)
 """Rows shown and subtracted by the channels of x1, x2 - x1, v1 and v2."""
 
 
@@ -144,14 +156,14 @@ def observe(task, lanes, frames, streams, first, last):
 
     The streams advance by what is reserved for a frame.
     """
-    channels = int(task[at.CHANNEL_COUNT])
+    channels = int(task[layout.CHANNEL_COUNT])
     newest, behind = frames.shape[0] - channels, 0
-    if task[at.SENSORS_ROW] > 0.0:
-        behind = int(task[at.HISTORY]) * channels
+    if task[layout.SENSORS_ROW] > 0.0:
+        behind = int(task[layout.HISTORY]) * channels
         move_frames(frames, channels, 0, behind - channels, first, last)
     move_frames(frames, channels, behind, newest, first, last)
     write_channels(task, lanes, frames, newest, first, last)
-    if task[at.IS_NOISY] > 0.0:
+    if task[layout.IS_NOISY] > 0.0:
         blur(task, lanes, frames, newest, streams, first, last)
     if behind > 0:
         receive(task, lanes, frames, streams, first, last)
@@ -176,15 +188,18 @@ def receive(task, lanes, frames, streams, first, last):
     A frame that is held grows older. None is older than its episode, so that the first one, which
     stands for those before it, arrives without being lost.
     """
-    channels, sensors = int(task[at.CHANNEL_COUNT]), int(task[at.SENSORS_ROW])
-    newest, shown_at = frames.shape[0] - channels, (int(task[at.HISTORY]) - 1) * channels
-    delays, ages = lanes[sensors + at.DELAY, first:last], lanes[sensors + at.AGE, first:last]
-    if task[at.HAS_DROPOUT] > 0.0:
+    channels, sensors = int(task[layout.CHANNEL_COUNT]), int(task[layout.SENSORS_ROW])
+    newest, shown_at = frames.shape[0] - channels, (int(task[layout.HISTORY]) - 1) * channels
+    delays, ages = (
+        lanes[sensors + layout.DELAY, first:last],
+        lanes[sensors + layout.AGE, first:last],
+    )
+    if task[layout.HAS_DROPOUT] > 0.0:
         noisy = 0
         for k in range(channels):
             noisy += int(noise_of(task, k) > 0.0)
         noisy += noisy % 2  # normal numbers come in pairs
-        chances = lanes[sensors + at.DROPOUT, first:last]
+        chances = lanes[sensors + layout.DROPOUT, first:last]
         for i in range(last - first):
             held = ages[i] + 1.0
             is_lost = chance_of_sensors(streams, noisy, first + i) < chances[i]
@@ -192,7 +207,7 @@ def receive(task, lanes, frames, streams, first, last):
     else:
         for i in range(last - first):
             ages[i] = min(ages[i] + 1.0, delays[i])
-    for delay in range(int(task[at.MOST_DELAY]) + 1):  # side by side, which a look-up is not
+    for delay in range(int(task[layout.MOST_DELAY]) + 1):  # side by side, which a look-up is not
         wanted = float(delay)
         for k in range(channels):
             arriving = frames[newest - channels * delay + k, first:last]
@@ -205,32 +220,32 @@ def receive(task, lanes, frames, streams, first, last):
 @borrowing_kernel
 def begin_sensors(task, lanes, which):
     """Begin with a frame that is not late, and a delay of whole steps, in the lanes listed."""
-    sensors = int(task[at.SENSORS_ROW])
+    sensors = int(task[layout.SENSORS_ROW])
     if sensors > 0:
         for i in which:
-            delay = math.floor(lanes[sensors + at.DELAY, i])
-            lanes[sensors + at.DELAY, i] = min(delay, task[at.MOST_DELAY])
-            lanes[sensors + at.AGE, i] = 0.0
+            delay = math.floor(lanes[sensors + layout.DELAY, i])
+            lanes[sensors + layout.DELAY, i] = min(delay, task[layout.MOST_DELAY])
+            lanes[sensors + layout.AGE, i] = 0.0
 
 
 @borrowing_kernel
 def errors_row_of(task, k):
     """Return the first row of channel k's noise and bias; `NO_ROW` if all lanes have the same."""
-    sensors = int(task[at.SENSORS_ROW])
-    return sensors + at.SENSORS_SIZE + at.ERRORS_SIZE * k if sensors > 0 else at.NO_ROW
+    sensors = int(task[layout.SENSORS_ROW])
+    return sensors + layout.SENSORS_SIZE + layout.ERRORS_SIZE * k if sensors > 0 else layout.NO_ROW
 
 
 @borrowing_kernel
 def bias_row_of(task, k):
     """Return the row of what channel k shows too much [SI], or `NO_ROW`."""
     row = errors_row_of(task, k)
-    return row + at.BIAS if row != at.NO_ROW else at.NO_ROW
+    return row + layout.BIAS if row != layout.NO_ROW else layout.NO_ROW
 
 
 @borrowing_kernel
 def pass_frame(task, streams, first, last):
     """Pass over the numbers that are reserved for a frame's noise, also where it is not drawn."""
-    reserved = int(task[at.RESERVED])
+    reserved = int(task[layout.RESERVED])
     if reserved > 0:
         for i in span(first, last):
             count_draws(streams, reserved, i)
@@ -240,18 +255,18 @@ def pass_frame(task, streams, first, last):
 def write_channels(task, lanes, frames, newest, first, last):
     """Write the scaled channels of the newest frame."""
     prefer_widest_vectors()
-    for k in range(int(task[at.CHANNEL_COUNT])):
+    for k in range(int(task[layout.CHANNEL_COUNT])):
         scale, shift = scaling(task, k)
         row, subtracted_row = rows_of(task, k)
         frame, values = frames[newest + k, first:last], lanes[row, first:last]
         bias_row = bias_row_of(task, k)
-        if bias_row != at.NO_ROW:
-            biases, is_relative = lanes[bias_row, first:last], subtracted_row != at.NO_ROW
+        if bias_row != layout.NO_ROW:
+            biases, is_relative = lanes[bias_row, first:last], subtracted_row != layout.NO_ROW
             subtracted = lanes[subtracted_row if is_relative else bias_row, first:last]
             for i in range(last - first):
                 value = values[i] - subtracted[i] if is_relative else values[i]
                 frame[i] = shown(value + biases[i], scale, shift)
-        elif subtracted_row != at.NO_ROW:
+        elif subtracted_row != layout.NO_ROW:
             subtracted = lanes[subtracted_row, first:last]
             for i in range(last - first):
                 frame[i] = shown(values[i] - subtracted[i], scale, shift)
@@ -264,15 +279,15 @@ def write_channels(task, lanes, frames, newest, first, last):
 def blur(task, lanes, frames, newest, streams, first, last):
     """Add the sensors' noise to the newest frame; the streams are read, and do not advance."""
     prefer_widest_vectors()
-    is_reserved, ahead = task[at.HAS_RESERVED_NOISE] > 0.0, 0
-    channels, k = int(task[at.CHANNEL_COUNT]), next_noisy(task, 0)
+    is_reserved, ahead = task[layout.HAS_RESERVED_NOISE] > 0.0, 0
+    channels, k = int(task[layout.CHANNEL_COUNT]), next_noisy(task, 0)
     while k < channels:
         other = next_noisy(task, k + 1)
         spreads = noise_of(task, k), noise_of(task, other) if other < channels else 0.0
         # Of an odd number the last takes the second normal number too, times zero.
         second = other if other < channels else k
         rows = newest + k, newest + second
-        if task[at.SENSORS_ROW] > 0.0:
+        if task[layout.SENSORS_ROW] > 0.0:
             blur_own(task, lanes, frames, newest, streams, (k, second), ahead, first, last)
         elif last - first == 1:  # a lone lane does without what a loop prepares
             blur_pair(frames, rows, spreads, streams, is_reserved, ahead, first)
@@ -293,9 +308,12 @@ def blur_own(task, lanes, frames, newest, streams, pair, ahead, first, last):
     channel twice, it takes the first number only.
     """
     one, other = pair
-    is_reserved, both = task[at.HAS_RESERVED_NOISE] > 0.0, other != one
+    is_reserved, both = task[layout.HAS_RESERVED_NOISE] > 0.0, other != one
     scales = scaling(task, one)[0], scaling(task, other)[0] if both else 0.0
-    row, row_of_other = errors_row_of(task, one) + at.SPREAD, errors_row_of(task, other) + at.SPREAD
+    row, row_of_other = (
+        errors_row_of(task, one) + layout.SPREAD,
+        errors_row_of(task, other) + layout.SPREAD,
+    )
     rows = newest + one, newest + other
     if is_reserved:
         for i in span(first, last):
@@ -322,13 +340,13 @@ def blur_pair(frames, rows, spreads, streams, is_reserved, ahead, i):
 @borrowing_kernel
 def noise_of(task, k):
     """Return the scaled standard deviation of the noise of channel k."""
-    return task[at.CHANNELS + at.CHANNEL_SIZE * k + at.NOISE]
+    return task[layout.CHANNELS + layout.CHANNEL_SIZE * k + layout.NOISE]
 
 
 @borrowing_kernel
 def next_noisy(task, k):
     """Return the first channel from the k-th on that has noise, or the number of channels."""
-    while k < int(task[at.CHANNEL_COUNT]) and noise_of(task, k) == 0.0:
+    while k < int(task[layout.CHANNEL_COUNT]) and noise_of(task, k) == 0.0:
         k += 1
     return k
 
@@ -336,23 +354,27 @@ def next_noisy(task, k):
 @borrowing_kernel
 def scaling(task, k):
     """Return the factor of a channel, and what is added to the product."""
-    slot = at.CHANNELS + at.CHANNEL_SIZE * k
-    scale = task[slot + at.SCALE]
-    return scale, -task[slot + at.ZERO] * scale
+    slot = layout.CHANNELS + layout.CHANNEL_SIZE * k
+    scale = task[slot + layout.SCALE]
+    return scale, -task[slot + layout.ZERO] * scale
 
 
 @borrowing_kernel
 def rows_of(task, k):
     """Return the row that channel k shows and the row subtracted from it, or `NO_ROW`."""
-    slot = at.CHANNELS + at.CHANNEL_SIZE * k
-    return int(task[slot + at.SHOWN]), int(task[slot + at.SUBTRACTED])
+    slot = layout.CHANNELS + layout.CHANNEL_SIZE * k
+    return int(task[slot + layout.SHOWN]), int(task[slot + layout.SUBTRACTED])
 
 
 @borrowing_kernel
 def shows_state(task, frames):
     """Tell whether one frame of x1, x2 - x1, v1 and v2 without noise is all that is observed."""
     count = len(STATE)
-    if frames.shape[0] != count or task[at.CHANNEL_COUNT] != count or task[at.IS_NOISY] > 0.0:
+    if (
+        frames.shape[0] != count
+        or task[layout.CHANNEL_COUNT] != count
+        or task[layout.IS_NOISY] > 0.0
+    ):
         return False
     same = True
     for k in range(count):
@@ -376,7 +398,7 @@ def bounded(value):
 def copy_observed(frames, observed, first, last):
     """Copy the observed frames, of each lane side by side, to (lanes, k) float32."""
     copy_as_columns(frames, observed, first, last)
-    return at.OK
+    return layout.OK
 
 
 @borrowing_kernel
@@ -394,12 +416,12 @@ def copy_outputs(lanes, frames, ends, held, observed, ended, states, applied, fi
     """
     row, distance = held[0], held[1]
     copy_observed(frames, observed, first, last)
-    copy_rows(lanes, at.X1, states, first, last)
+    copy_rows(lanes, layout.X1, states, first, last)
     for k in range(applied.shape[0]):
         for i in span(first, last):
             applied[k, i] = lanes[row + distance * k, i]
-    copy_rows(ends, at.TERMINATED, ended, first, last)
-    return at.OK
+    copy_rows(ends, layout.TERMINATED, ended, first, last)
+    return layout.OK
 
 
 @borrowing_kernel
@@ -428,4 +450,4 @@ def copy_ends(lanes, frames, held, which, former, observed, values, first, last)
             values[i, row] = lanes[row, i]
         for row in span(4, values.shape[1]):
             values[i, row] = lanes[held[0] + held[1] * (row - 4), i]
-    return at.OK
+    return layout.OK

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -42,7 +42,7 @@ def rewarding(cost: Compiled, rows: Sequence[tuple[int, int]]) -> Compiled:
                 lost |= not abs(value) < np.inf
         except Exception:  # noqa: BLE001 - whatever a caller's function raises
             lost = True
-        return at.UNREWARDED if lost else at.OK
+        return layout.UNREWARDED if lost else layout.OK
 
     return reward
 
@@ -57,7 +57,7 @@ def _of_values(cost: Compiled) -> Compiled:
 
 def _with_value(cost_of: Compiled, row: int, subtracted: int) -> Compiled:
     """Return a function that reads one more value of a lane, for those read behind it."""
-    if subtracted == at.NO_ROW:
+    if subtracted == layout.NO_ROW:
 
         @numba.njit(error_model="numpy")
         def read_row(lanes, i, values):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.lanes.elementary import exponential
 from mm_gym.lanes.memory import copy_row, fill, span
@@ -24,7 +24,7 @@ def task_and_model(constants):
 
     They are one array where Python calls, because every argument adds call overhead.
     """
-    behind = at.CHANNELS + at.CHANNEL_SIZE * int(constants[at.CHANNEL_COUNT])
+    behind = layout.CHANNELS + layout.CHANNEL_SIZE * int(constants[layout.CHANNEL_COUNT])
     return constants, constants[behind:]
 
 
@@ -38,9 +38,9 @@ def finite(actions):
     return not wrong
 
 
-FORCE = at.HAS_FORCE, at.FORCE, at.FORCE_ASKED, at.FORCE_ROW
-STRETCH = at.HAS_STRETCH, at.STRETCH, at.STRETCH_ASKED, at.STRETCH_ROW
-DAMPING = at.HAS_DAMPING, at.DAMPING, at.DAMPING_ASKED, at.DAMPING_ROW
+FORCE = layout.HAS_FORCE, layout.FORCE, layout.FORCE_ASKED, layout.FORCE_ROW
+STRETCH = layout.HAS_STRETCH, layout.STRETCH, layout.STRETCH_ASKED, layout.STRETCH_ROW
+DAMPING = layout.HAS_DAMPING, layout.DAMPING, layout.DAMPING_ASKED, layout.DAMPING_ROW
 ACTUATORS = FORCE, STRETCH, DAMPING
 """Of each actuator, in the order of the action: its first slot of the task, the row of what it
 applies [N], [-] or [N s/m], that of what it is asked for, and the slot of the first row of a lane's
@@ -51,7 +51,7 @@ own actuator."""
 def command(task, lanes, actions, rewards, first, last):
     """Apply actions: set what actuators hold, and begin the rewards with the actions' cost."""
     prefer_widest_vectors()
-    weight, next_one, many = task[at.WEIGHT_EFFORT], 0, 0
+    weight, next_one, many = task[layout.WEIGHT_EFFORT], 0, 0
     for actuator in ACTUATORS:
         many += int(task[actuator[0]] > 0.0)
     count = actions.shape[0] // max(many, 1)
@@ -78,13 +78,13 @@ def move(task, lanes, actuator, asked, first, last):
     is_rate, own = task[slot + IS_RATE] > 0.0, int(task[slot_own])
     if own > 0:  # each lane has a lag and a rate limit of its own
         for i in span(first, last):
-            a, travel = clip(asked[i], -1.0, 1.0), lanes[own + at.TRAVEL, i]
+            a, travel = clip(asked[i], -1.0, 1.0), lanes[own + layout.TRAVEL, i]
             if is_rate:
                 wanted = clip(lanes[row_asked, i] + travel * a, low, high)
                 lanes[row_asked, i] = wanted
             else:
                 wanted = middle + half * a
-            factor = lanes[own + at.LAG_FACTOR, i]
+            factor = lanes[own + layout.LAG_FACTOR, i]
             lanes[row, i] = approach(lanes[row, i], wanted, factor, travel, low, high)
     elif is_rate:
         for i in span(first, last):
@@ -111,7 +111,7 @@ def steer(task, lanes, wanted):
             own = int(task[slot_own])
             factor, rate = task[slot + LAG_FACTOR], task[slot + RATE]
             if own > 0:
-                factor, rate = lanes[own + at.LAG_FACTOR, 0], lanes[own + at.TRAVEL, 0]
+                factor, rate = lanes[own + layout.LAG_FACTOR, 0], lanes[own + layout.TRAVEL, 0]
             low, high = task[slot + LOW], task[slot + HIGH]
             lanes[row, 0] = approach(lanes[row, 0], wanted[k], factor, rate, low, high)
 
@@ -119,9 +119,9 @@ def steer(task, lanes, wanted):
 @borrowing_kernel
 def hold(model, lanes, first, last):
     """Let a damper have the damping [N s/m] that its actuator holds."""
-    damped = int(model[at.DAMPED])
+    damped = int(model[layout.DAMPED])
     if damped > 0:
-        copy_row(lanes, at.DAMPING, damped, first, last)
+        copy_row(lanes, layout.DAMPING, damped, first, last)
 
 
 @borrowing_kernel
@@ -131,10 +131,12 @@ def begin_own(task, lanes, which):
         own = int(task[actuator[3]])
         if own > 0:
             for i in which:
-                lag = lanes[own + at.LAG, i]
-                share = 1.0 if lag == 0.0 else part_of_way(task[at.TIME_STEP] / lag)
-                lanes[own + at.LAG_FACTOR, i] = share
-                lanes[own + at.TRAVEL, i] = lanes[own + at.RATE_LIMIT, i] * task[at.TIME_STEP]
+                lag = lanes[own + layout.LAG, i]
+                share = 1.0 if lag == 0.0 else part_of_way(task[layout.TIME_STEP] / lag)
+                lanes[own + layout.LAG_FACTOR, i] = share
+                lanes[own + layout.TRAVEL, i] = (
+                    lanes[own + layout.RATE_LIMIT, i] * task[layout.TIME_STEP]
+                )
 
 
 SMALL, TERMS = 0.25, 12
@@ -174,11 +176,11 @@ def score(task, lanes, rewards, first, last):
     prefer_widest_vectors()
     weights, lost = state_weights(task), False
     for i in span(first, last):
-        cost = state_cost(weights, lanes[at.X1, i], lanes[at.X2, i], lanes[at.V1, i])
+        cost = state_cost(weights, lanes[layout.X1, i], lanes[layout.X2, i], lanes[layout.V1, i])
         reward = rewards[i] - cost
         rewards[i] = reward
         lost |= is_lost(reward)
-    return at.DIVERGED if lost else at.OK
+    return layout.DIVERGED if lost else layout.OK
 
 
 @borrowing_kernel
@@ -188,24 +190,33 @@ def score_derived(task, lanes, rewards, first, last):
     They are those at the control step's end, which `mm_gym.step.outputs` has derived.
     """
     prefer_widest_vectors()
-    carriage, sphere = task[at.WEIGHT_CARRIAGE_ACCELERATION], task[at.WEIGHT_SPHERE_ACCELERATION]
-    coupling, lost = task[at.WEIGHT_COUPLING_FORCE], False
+    carriage, sphere = (
+        task[layout.WEIGHT_CARRIAGE_ACCELERATION],
+        task[layout.WEIGHT_SPHERE_ACCELERATION],
+    )
+    coupling, lost = task[layout.WEIGHT_COUPLING_FORCE], False
     for i in span(first, last):
         # Without mass the carriage's is not finite, and has no weight.
-        a1 = lanes[at.CARRIAGE_ACCELERATION, i] if carriage > 0.0 else 0.0
-        a2 = lanes[at.SPHERE_ACCELERATION, i]
-        force = lanes[at.M2, i] * a2  # (2) of docs/model.md: nothing else accelerates the sphere
+        a1 = lanes[layout.CARRIAGE_ACCELERATION, i] if carriage > 0.0 else 0.0
+        a2 = lanes[layout.SPHERE_ACCELERATION, i]
+        force = (
+            lanes[layout.M2, i] * a2
+        )  # (2) of docs/model.md: nothing else accelerates the sphere
         cost = fma(carriage * a1, a1, fma(sphere * a2, a2, coupling * force * force))
         reward = rewards[i] - cost
         rewards[i] = reward
         lost |= is_lost(reward)
-    return at.DIVERGED if lost else at.OK
+    return layout.DIVERGED if lost else layout.OK
 
 
 @borrowing_kernel
 def state_weights(task):
     """Return the weights of x1^2, v1^2 and (x2 - x1)^2."""
-    return task[at.WEIGHT_DISPLACEMENT], task[at.WEIGHT_VELOCITY], task[at.WEIGHT_STROKE]
+    return (
+        task[layout.WEIGHT_DISPLACEMENT],
+        task[layout.WEIGHT_VELOCITY],
+        task[layout.WEIGHT_STROKE],
+    )
 
 
 @borrowing_kernel
@@ -228,38 +239,38 @@ def is_lost(reward):
 @borrowing_kernel
 def check_termination(task, lanes, ends, first, last):
     """Count a block's step and mark the episodes that it ends; return the status."""
-    furthest, rail = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT]
-    now = lanes[at.NOW, first] + 1.0
-    lanes[at.NOW, first] = now
-    ended = now >= lanes[at.DUE, first]
+    furthest, rail = task[layout.DISPLACEMENT_LIMIT], task[layout.RAIL_LIMIT]
+    now = lanes[layout.NOW, first] + 1.0
+    lanes[layout.NOW, first] = now
+    ended = now >= lanes[layout.DUE, first]
     if furthest < np.inf or rail < np.inf:
         for i in span(first, last):
-            x1 = lanes[at.X1, i]
-            ended |= (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
+            x1 = lanes[layout.X1, i]
+            ended |= (abs(x1) > furthest) | (abs(lanes[layout.X2, i] - x1) > rail)
     if not ended:  # the common case
-        if ends[at.MARKED, first]:
-            fill(ends, at.TERMINATED, False, first, last)
-            fill(ends, at.TRUNCATED, False, first, last)
-            ends[at.MARKED, first] = False
-        return at.OK
-    ended, steps, due = False, task[at.STEPS], now + 1.0
-    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
-    began = lanes[at.BEGAN, first:last]
-    over, late = ends[at.TERMINATED, first:last], ends[at.TRUNCATED, first:last]
+        if ends[layout.MARKED, first]:
+            fill(ends, layout.TERMINATED, False, first, last)
+            fill(ends, layout.TRUNCATED, False, first, last)
+            ends[layout.MARKED, first] = False
+        return layout.OK
+    ended, steps, due = False, task[layout.STEPS], now + 1.0
+    x1s, x2s = lanes[layout.X1, first:last], lanes[layout.X2, first:last]
+    began = lanes[layout.BEGAN, first:last]
+    over, late = ends[layout.TERMINATED, first:last], ends[layout.TRUNCATED, first:last]
     if furthest < np.inf or rail < np.inf:
         for i in range(last - first):
             over[i] = (abs(x1s[i]) > furthest) | (abs(x2s[i] - x1s[i]) > rail)
     else:
-        fill(ends, at.TERMINATED, False, first, last)
+        fill(ends, layout.TERMINATED, False, first, last)
     for i in range(last - first):
         late[i] = now - began[i] >= steps
     for i in range(last - first):  # apart: bytes alone fill longer vectors
         ended |= over[i] | late[i]
-    if not ends[at.MARKED, first]:  # else episodes may end in the next step too
+    if not ends[layout.MARKED, first]:  # else episodes may end in the next step too
         oldest = 0
         for i in range(last - first):  # integers: a maximum of doubles would not vectorise
             oldest = max(oldest, int(now - began[i]))
         due = now - oldest + steps
-    lanes[at.DUE, first] = due
-    ends[at.MARKED, first] = ended
-    return at.ENDED if ended else at.OK
+    lanes[layout.DUE, first] = due
+    ends[layout.MARKED, first] = ended
+    return layout.ENDED if ended else layout.OK

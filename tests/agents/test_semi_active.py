@@ -34,7 +34,7 @@ from agents.training.runs import Run
 from agents.training.starts import start_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
 from mm_gym.analysis import spring_energy
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 LOW, HIGH = 0.05, 2.0
 QUAKE = {
@@ -191,11 +191,11 @@ def test_velocity_of_the_ground_is_the_integral_of_its_acceleration(excitation, 
     law, expected, pairs = GroundVelocity(scene), np.zeros(20), []
     memory = law.observe(law.begin(20), info["state"], info["applied"])
     kept = np.exp(-CORNER * np.sqrt(400.0 / 0.1) * 0.005)
-    before = env.get_state()["values"][at.GROUND_ACCELERATION].copy()
+    before = env.get_state()["values"][layout.GROUND_ACCELERATION].copy()
     for _ in range(200):
         *_, info = env.step(np.full((20, 1), 0.2))
         memory = law.observe(memory, info["state"], info["applied"])
-        after = env.get_state()["values"][at.GROUND_ACCELERATION].copy()
+        after = env.get_state()["values"][layout.GROUND_ACCELERATION].copy()
         expected = kept * expected + 0.005 * 0.5 * (before + after)
         pairs.append((memory["velocity"], expected.copy()))
         before = after
@@ -237,13 +237,13 @@ def device_power(scene, env):
     And the size of the powers that it is the difference of.
     """
     v = env.get_state()["values"]
-    x1, offset = v[at.X1], v[at.X2] - v[at.X1]
-    slip, inertia = v[at.V2] - v[at.V1], v[at.M2] * v[at.SPHERE_ACCELERATION]
+    x1, offset = v[layout.X1], v[layout.X2] - v[layout.X1]
+    slip, inertia = v[layout.V2] - v[layout.V1], v[layout.M2] * v[layout.SPHERE_ACCELERATION]
     if scene.actuation.damping.of == "interface":
         forces, velocity = (inertia, scene.springs.stiffness * offset), slip
     else:
-        carriage = v[at.M1] * v[at.CARRIAGE_ACCELERATION]
-        forces, velocity = (inertia, carriage, scene.carriage.stiffness * x1), v[at.V1]
+        carriage = v[layout.M1] * v[layout.CARRIAGE_ACCELERATION]
+        forces, velocity = (inertia, carriage, scene.carriage.stiffness * x1), v[layout.V1]
     return -sum(forces) * velocity, sum(map(np.abs, forces)) * np.abs(velocity)
 
 

@@ -6,7 +6,7 @@ from rollouts import random_actions, rollout
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, Scene, SceneError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 
 def test_options_fix_what_would_be_drawn(make):
@@ -170,4 +170,4 @@ def test_stretch_is_that_at_the_start_where_it_is_actuated_and_the_episodes_wher
         )
     )
     held.reset(seed=5)
-    assert held.drawn("springs.stretch") == held.get_state()["values"][at.STRETCH, 0]
+    assert held.drawn("springs.stretch") == held.get_state()["values"][layout.STRETCH, 0]

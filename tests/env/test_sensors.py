@@ -19,7 +19,7 @@ from mm_gym import (
     compile_scene,
     simulate,
 )
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.step.channels import CHANNELS
 
@@ -235,9 +235,11 @@ import sys, types
 package = types.ModuleType("mm_gym")  # so that the table alone is imported
 package.__path__ = [sys.argv[1]]
 sys.modules["mm_gym"] = package
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.step.channels import CHANNELS, Channel
-CHANNELS["push"] = Channel(at.FORCE, at.NO_ROW, "N", "force", "control force on the carriage")
+CHANNELS["push"] = Channel(
+    layout.FORCE, layout.NO_ROW, "N", "force", "control force on the carriage"
+)
 del sys.modules["mm_gym"]
 
 import json, mm_gym, numpy as np
@@ -305,7 +307,7 @@ def test_acceleration_that_is_not_refused_is_right(mass, damping):
     got, expected = [], []
     for n in range(1, 31):
         lanes.advance(np.zeros(0, np.float32))
-        got.append(lanes.values[at.CARRIAGE_ACCELERATION, 0])
+        got.append(lanes.values[layout.CARRIAGE_ACCELERATION, 0])
         with mp.workdps(60):
             free = system.sampled(0.01 * n)[:, :4] * mp.matrix([0.01, 0.01, 0, 0])
             expected.append(float((system.matrix() * free)[2]))

@@ -11,9 +11,9 @@ import pytest
 from tasks import CARRIAGE_FORCE, TASKS
 
 from mm_gym import ActionError, MovingMassVectorEnv, SimulationError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
-LANES = 3 * at.BLOCK - 100
+LANES = 3 * layout.BLOCK - 100
 """Two or three ranges of lanes, the last one short and no multiple of a vector."""
 
 SECONDS = 600

@@ -29,7 +29,7 @@ from mm_gym.excitation import kinds as kernels
 from mm_gym.excitation.harmonics import rotate
 from mm_gym.excitation.impulses import pass_impulses
 from mm_gym.excitation.kinds import excite
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.interface import LINE
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.step.task import command, hold
@@ -141,7 +141,7 @@ def outcome(seed: int, folder: Path) -> Outcome:
     largest = np.zeros((lanes.count, 4))
     for _ in range(STEPS):
         status, starts, followed = advance(lanes, rng)
-        if status > at.ENDED:
+        if status > layout.ENDED:
             break
         for i, lane in enumerate(followed):
             reached, want, scale = lane.reach(starts[:, i])
@@ -207,15 +207,18 @@ def grow_old(lanes: Lanes, steps: int) -> None:
     intervals = plant.support.intervals_per_step
     count = steps * intervals
     for j in range(len(plant.support.ground)):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
         for i in range(lanes.count):
             time = Fraction(plant.support.sample_interval) * (count - count % REFRESH)
             sine, cosine, *_ = _harmonic(values[:, i], harmonic, time)
-            values[harmonic + at.SINE, i], values[harmonic + at.COSINE, i] = sine[0], cosine[0]
+            values[harmonic + layout.SINE, i], values[harmonic + layout.COSINE, i] = (
+                sine[0],
+                cosine[0],
+            )
     for made in range(count - count % REFRESH, count):
-        values[at.NOW, 0] = made // intervals
+        values[layout.NOW, 0] = made // intervals
         rotate(plant.model, values, made % intervals, 0, lanes.count)
-    values[at.NOW, 0] = steps
+    values[layout.NOW, 0] = steps
     if plant.support.sampled:
         for i in range(lanes.count):
             lane = values[:, i : i + 1].copy()
@@ -232,7 +235,7 @@ def advance(lanes: Lanes, rng: np.random.Generator) -> tuple[int, Array, list[_L
     hold(plant.model, values, 0, count)
     before, samples = values[:, :count].copy(), []
     filters = [row + noise.VALUE for kind, _, row, _ in _parts(plant) if kind == kernels.FILTER]
-    samples, status = [before[filters]], at.OK
+    samples, status = [before[filters]], layout.OK
     for interval in range(intervals):
         if plant.support.sampled:
             excite(plant.model, values, lanes.streams, interval, 0, count)
@@ -242,11 +245,11 @@ def advance(lanes: Lanes, rng: np.random.Generator) -> tuple[int, Array, list[_L
             status = max(status, plant.entries.propagate(plant.model, values, 0, count))
         rotate(plant.model, values, interval, 0, count)
     if not np.isfinite(values[:4, :count]).all():
-        status = at.DIVERGED
-    if status > at.ENDED:
+        status = layout.DIVERGED
+    if status > layout.ENDED:
         return status, before, []
-    age = int(values[at.NOW, 0])
-    values[at.NOW, 0] += 1.0
+    age = int(values[layout.NOW, 0])
+    values[layout.NOW, 0] += 1.0
     followed = [
         _Lane(plant, before[:, i], age, [sample[:, i] for sample in samples]) for i in range(count)
     ]
@@ -266,8 +269,8 @@ def _parts(plant: Plant) -> list[tuple[int, int, int, Array]]:
 def _harmonic(lane: Array, row: int, time: Fraction) -> tuple[tuple[float, float], ...]:
     """Return sine, cosine, frequency and growth of a harmonic at a time [s]."""
     with mp.workdps(45):
-        frequency = mp.mpf(lane[row + at.FREQUENCY])
-        angle = mp.mpf(lane[row + at.PHASE]) + frequency * _exactly(time)
+        frequency = mp.mpf(lane[row + layout.FREQUENCY])
+        angle = mp.mpf(lane[row + layout.PHASE]) + frequency * _exactly(time)
         numbers = mp.sin(angle), mp.cos(angle), frequency, mp.mpf(0)
         return tuple(_pair_of(x) for x in numbers)
 
@@ -324,10 +327,21 @@ class _Lane:
 
     def _parameters(self) -> Array:
         names = self.plant.support.names  # of a damping under control: what its actuator holds
-        c, d = (names.get(f"{part}.damping", at.C) for part in ("interface", "carriage"))
+        c, d = (names.get(f"{part}.damping", layout.C) for part in ("interface", "carriage"))
         rows = (
-            *(at.M1, at.M2, at.K1, d, at.ALPHA, at.BETA, c, at.MU1, at.MU2, at.VR),
-            *(at.CHI, at.FN, at.K0, at.L0, at.STRETCH, at.FORCE),
+            *(
+                layout.M1,
+                layout.M2,
+                layout.K1,
+                d,
+                layout.ALPHA,
+                layout.BETA,
+                c,
+                layout.MU1,
+                layout.MU2,
+                layout.VR,
+            ),
+            *(layout.CHI, layout.FN, layout.K0, layout.L0, layout.STRETCH, layout.FORCE),
         )
         found = np.append(self.lane[list(rows)], self._reaction())
         if self._springs() == "linear":
@@ -336,7 +350,7 @@ class _Lane:
 
     def _reaction(self) -> float:
         """Return what acts on the sphere where a force acts on the carriage [N]."""
-        return -float(self.lane[at.FORCE]) if self.plant.support.is_between else 0.0
+        return -float(self.lane[layout.FORCE]) if self.plant.support.is_between else 0.0
 
     def _springs(self) -> str:
         """Return the springs' kind."""
@@ -345,7 +359,7 @@ class _Lane:
             return "none"
         if "springs.rest_length" in names:
             return "finite_stretch"
-        return "small_on_large" if self.lane[at.STRETCH] > 0.0 else "linear"
+        return "small_on_large" if self.lane[layout.STRETCH] > 0.0 else "linear"
 
     def reach(self, start: Array) -> tuple[int, Array, Array]:
         """Return status, end and scale as `Step.end`, by the reference that knows the scene."""
@@ -353,8 +367,8 @@ class _Lane:
         if support.interface is LINE:
             return self.step().end(start)
         numbers = {name: float(lane[row]) for name, row in support.names.items()}
-        numbers |= {"force": float(lane[at.FORCE]), "reaction": self._reaction()}
-        numbers["springs.stretch"] = float(lane[at.STRETCH])
+        numbers |= {"force": float(lane[layout.FORCE]), "reaction": self._reaction()}
+        numbers["springs.stretch"] = float(lane[layout.STRETCH])
         kinds = support.interface.kind, self._springs()
         end, largest = device_kernel.end_of(numbers, kinds, self.step(), start)
         scale = np.repeat([largest[:2].max(), largest[2:4].max()], 2)
@@ -364,7 +378,7 @@ class _Lane:
         """Return by what impulses change v1 and v2 [m/s], by the time since the step's start."""
         model, lane, jumps = self.plant.model, self.lane[:, None].copy(), {}
         step, last = self.plant.support.sample_interval, float(self.past + self.count)
-        described = int(model[at.EXCITATION]) + kernels.FIRST
+        described = int(model[layout.EXCITATION]) + kernels.FIRST
         for k, (kind, target, row, _) in enumerate(self.parts):
             own = described + kernels.SIZE * k + kernels.OWN
             while kind == kernels.IMPULSE:
@@ -372,7 +386,7 @@ class _Lane:
                 if time >= step * (last * (1.0 - impulse_process.CLOSE)):
                     break
                 size = impulse_process.take(model, own, lane, row, 0.0, 0)
-                jump = (-size, -size) if target else (size / self.lane[at.M1], 0.0)
+                jump = (-size, -size) if target else (size / self.lane[layout.M1], 0.0)
                 place = max(Fraction(time) - self.clock, Fraction(0))
                 v1, v2 = jumps.get(place, (0.0, 0.0))
                 jumps[place] = v1 + jump[0], v2 + jump[1]
@@ -458,8 +472,8 @@ class _Lane:
         oscillators: list[tuple[float, ...]] = []
         phases: list[tuple[tuple[float, float], ...]] = []
         for j, ground in enumerate(self.plant.support.ground):
-            row = at.HARMONICS + at.HARMONIC_ROWS * j
-            amplitude = float(self.lane[row + at.AMPLITUDE])
+            row = layout.HARMONICS + layout.HARMONIC_ROWS * j
+            amplitude = float(self.lane[row + layout.AMPLITUDE])
             oscillators.append((amplitude, float(ground), 0, 0.0, 0.0))
             phases.append(_harmonic(self.lane, row, self.begin))
         for kind, target, row, own in self.parts:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.simulation.lanes import Lanes
 
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -40,5 +40,8 @@ def assert_lanes_equal_single(plant: Any, steps: int, count: int = 21) -> None:
         for i, lane in enumerate(single):
             lane.advance(np.ascontiguousarray(actions[:, i]))
     alone = np.hstack([lane.values for lane in single])
-    for row in set(range(len(alone))) - {at.NOW, at.DUE}:  # of a block of lanes, not of a lane
+    for row in set(range(len(alone))) - {
+        layout.NOW,
+        layout.DUE,
+    }:  # of a block of lanes, not of a lane
         assert np.array_equal(many.values[row], alone[row]), row

@@ -8,7 +8,7 @@ import pytest
 
 from mm_gym import MovingMassVectorEnv, Scene, compile_scene
 from mm_gym.compiler.jit import plain
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import INTERFACES
 from mm_gym.law.hardening_springs import LINES, with_hardening_springs
 from mm_gym.simulation.lanes import Lanes
@@ -135,18 +135,18 @@ def scene_of(**changes):
 
 
 @pytest.mark.parametrize(
-    ("of", "row", "begins"), [("interface", at.C, 2.0), ("carriage", at.D, 1.0)]
+    ("of", "row", "begins"), [("interface", layout.C, 2.0), ("carriage", layout.D, 1.0)]
 )
 def test_support_has_all_that_a_controlled_damping_can_reach(of, row, begins):
     support = compile_scene(scene_of(**{"actuation.damping.of": of})).support
-    for k in (at.DAMPING, row):
+    for k in (layout.DAMPING, row):
         assert (support.start_low[k], support.start_high[k]) == (begins, begins)
         assert (support.low[k], support.high[k]) == (0.5, 8.0)
     assert support.damped_row == row
-    assert support.names[f"{of}.damping"] == at.DAMPING
+    assert support.names[f"{of}.damping"] == layout.DAMPING
     ranges = {f"{of}.damping": [1.0, 3.0]}
     drawn = compile_scene(scene_of(**{"actuation.damping.of": of, "randomization": ranges})).support
-    assert (drawn.start_low[at.DAMPING], drawn.start_high[at.DAMPING]) == (1.0, 3.0)
+    assert (drawn.start_low[layout.DAMPING], drawn.start_high[layout.DAMPING]) == (1.0, 3.0)
     assert (drawn.low[row], drawn.high[row]) == (0.5, 8.0)
 
 

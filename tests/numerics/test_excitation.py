@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene, simulate
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.plant.excitation import KINDS
 from mm_gym.precision.oracle import Oracle
 from mm_gym.scene.excitation import FIXED_FIELDS, Excitation
@@ -204,7 +204,7 @@ def test_a_slow_sweep_keeps_its_phase_to_the_last_digits():
     part = SWEEP | {"spacing": "logarithmic", "duration": 1e4, "end_frequency": 20.0 + 1e-6}
     lanes = Lanes(compile_scene(BASE.replace(excitation=[part])), 1)
     lanes.restart()
-    lanes.values[at.BEGAN] = -500_000.0  # control steps of 10 ms
+    lanes.values[layout.BEGAN] = -500_000.0  # control steps of 10 ms
     lanes.advance(np.zeros(0))
     plant = lanes.plant
     with mpmath.workdps(40):

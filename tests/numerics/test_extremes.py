@@ -19,7 +19,7 @@ from mm_gym import (
     simulate,
 )
 from mm_gym.env.single import MovingMassEnv
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.precision.oracle import Oracle
 from mm_gym.scene.actuators import ForceActuator
 from mm_gym.scene.mechanics import Carriage, DryFriction
@@ -167,15 +167,21 @@ def test_too_long_control_step_is_refused_with_what_is_allowed(scene: Scene) -> 
 def _deviation(scene: Scene, trajectory: Trajectory, seed: int) -> float:
     """Return the error against the oracle, or 0 if SciPy would take more than some seconds."""
     p, x1 = trajectory.parameters, np.abs(trajectory.state[:, 0]).max()
-    stick = p[at.MU1] * p[at.FN] / p[at.VR] + p[at.CHI] if p[at.VR] > 0.0 else p[at.C]
-    k2 = 6.0 * p[at.K0]
-    k1 = p[at.K1] * (1.0 + 3.0 * p[at.BETA] * x1**2)
-    oscillation = np.sqrt((k1 + k2) / p[at.M1] + k2 / p[at.M2])
-    rate = oscillation + (stick + p[at.D]) / p[at.M1] + stick / p[at.M2]
-    rate = max(rate, p[at.HARMONICS + at.FREQUENCY :: at.HARMONIC_ROWS].max(initial=0.0))
+    stick = (
+        p[layout.MU1] * p[layout.FN] / p[layout.VR] + p[layout.CHI]
+        if p[layout.VR] > 0.0
+        else p[layout.C]
+    )
+    k2 = 6.0 * p[layout.K0]
+    k1 = p[layout.K1] * (1.0 + 3.0 * p[layout.BETA] * x1**2)
+    oscillation = np.sqrt((k1 + k2) / p[layout.M1] + k2 / p[layout.M2])
+    rate = oscillation + (stick + p[layout.D]) / p[layout.M1] + stick / p[layout.M2]
+    rate = max(
+        rate, p[layout.HARMONICS + layout.FREQUENCY :: layout.HARMONIC_ROWS].max(initial=0.0)
+    )
     if scene.springs.kind == "finite_stretch" or rate * trajectory.time[-1] > 100.0:
         return 0.0
-    longest = 2.0 / rate if p[at.VR] > 0.0 else np.inf
+    longest = 2.0 / rate if p[layout.VR] > 0.0 else np.inf
     oracle = Oracle(scene, max_step=longest, most_evaluations=100_000)
     try:
         want = oracle.solve(trajectory.time, forces=forces_of(scene, seed))

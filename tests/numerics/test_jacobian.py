@@ -18,7 +18,7 @@ from mm_gym import (
     compile_scene,
     load_scene,
 )
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.sensitivity import Sensitivities
 from mm_gym.tasks import ids, path_of
 
@@ -96,7 +96,7 @@ def excess(seed: int, kind: str) -> float:
     action = rng.uniform(-0.9, 0.9, len(plant.actuators))
     found = plant.jacobian(start, action, parameters=names)
     force = float(found.end[4])
-    stretch = float(found.end[5]) if len(found.end) > 5 else float(plant.template[at.STRETCH])
+    stretch = float(found.end[5]) if len(found.end) > 5 else float(plant.template[layout.STRETCH])
     columns = np.column_stack(
         [found.state[:4, :4], found.applied, *(found.parameters[n][:4] for n in names)]
     )
@@ -200,7 +200,9 @@ def cubic_excess(seed: int) -> float:
     found = plant.jacobian(starts, [0.3], parameters=names)
     worst = 0.0
     for lane in (0, 3, 18):
-        step = ControlStep(scene, 0.0, float(found.end[lane, 4]), float(plant.template[at.STRETCH]))
+        step = ControlStep(
+            scene, 0.0, float(found.end[lane, 4]), float(plant.template[layout.STRETCH])
+        )
         columns = [found.state[lane, :4, :4], found.applied[lane]]
         columns += [found.parameters[n][lane, :4] for n in names]
         derivatives = names, np.column_stack(columns)
@@ -239,7 +241,7 @@ def test_jacobian_follows_actuators_with_rate_limit_and_lag(actuation: dict[str,
         env.step(rng.uniform(-1.0, 1.0, env.action_space.shape))
     start, action = env.get_state(), rng.uniform(-0.9, 0.9, env.action_space.shape)
     found = env.plant.jacobian(None, action, at=start)
-    rows = {"force": at.FORCE, "stretch": at.STRETCH, "stretch_asked": at.STRETCH_ASKED}
+    rows = {"force": layout.FORCE, "stretch": layout.STRETCH, "stretch_asked": layout.STRETCH_ASKED}
     rows = [rows.get(name, k) for k, name in enumerate(found.names)]
     together = actuation is BY_RATE  # what is asked for is what is applied
 
@@ -254,7 +256,7 @@ def test_jacobian_follows_actuators_with_rate_limit_and_lag(actuation: dict[str,
         for sign in (1.0, -1.0):
             values = start["values"].copy()
             values[row] += sign * 1e-6
-            values[at.STRETCH_ASKED] += sign * 1e-6 * (together and row == at.STRETCH)
+            values[layout.STRETCH_ASKED] += sign * 1e-6 * (together and row == layout.STRETCH)
             ends.append(end_of(values, action))
         np.testing.assert_allclose(found.state[:, :, k], (ends[0] - ends[1]) / 2e-6, atol=1e-6)
     for k in range(action.shape[1]):
@@ -334,7 +336,7 @@ def test_lanes_have_derivatives_at_parameters_of_their_own() -> None:
     found = env.plant.jacobian(None, [0.2], at=start, parameters=names)
     states = start["values"][:4]
     for lane in (0, 7, 19):
-        mass, stretch = (float(start["values"][row, lane]) for row in (at.M1, at.STRETCH))
+        mass, stretch = (float(start["values"][row, lane]) for row in (layout.M1, layout.STRETCH))
         alone = compile_scene(scene.replace(**{"randomization": {}, "carriage.mass": mass}))
         place = {"initial.stretch": stretch}
         want = alone.jacobian(states[:, lane], [0.2], at=place, parameters=names)
@@ -420,7 +422,9 @@ def test_parameters_of_a_carriage_without_mass_are_refused() -> None:
         compile_scene(scene).jacobian([0.0] * 4, [0.0], parameters=["sphere.mass"])
 
 
-@pytest.mark.parametrize("status", [at.TOO_MANY_EVENTS, at.TOO_MANY_SERIES, at.TOO_MANY_STEPS])
+@pytest.mark.parametrize(
+    "status", [layout.TOO_MANY_EVENTS, layout.TOO_MANY_SERIES, layout.TOO_MANY_STEPS]
+)
 def test_a_lane_that_stays_behind_is_an_error(status: int) -> None:
     # Its numbers are finite, and those of the step's start.
     env = MovingMassVectorEnv("mm_gym/CarriageForce-v0", 2)

@@ -12,7 +12,7 @@ import pytest
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.compiler.cache import sources
 from mm_gym.compiler.jit import plain
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import bounds, carriage_spring, dry_friction, springs
 from mm_gym.plant.compile import compile_scene
 from mm_gym.simulation.lanes import Lanes
@@ -54,14 +54,14 @@ def cubes_a_stretch(text):
 
 @pytest.mark.parametrize("row", ["MU1", "MU2", "FN"])
 def test_coefficients_of_friction_are_read_in_one_compiled_file(row):
-    assert [file.name for file in files_that(re.compile(rf"\bat\.{row}\b").search)] == [
+    assert [file.name for file in files_that(re.compile(rf"\blayout\.{row}\b").search)] == [
         "dry_friction.py"
     ]
 
 
 def test_the_stretch_is_cubed_in_one_compiled_file():
     assert cubes_a_stretch("2 / (stretch[i] * stretch[i] * stretch[i])")
-    assert cubes_a_stretch("lanes[at.STRETCH, i] ** 3")
+    assert cubes_a_stretch("lanes[layout.STRETCH, i] ** 3")
     assert [file.name for file in files_that(cubes_a_stretch)] == ["springs.py"]
 
 
@@ -126,14 +126,14 @@ def test_every_episode_has_the_friction_of_its_own_coefficients():
 
     def check():
         p = lanes.values
-        assert np.array_equal(p[at.C], p[at.MU1] * p[at.FN] / p[at.VR])
-        assert np.array_equal(p[at.KINETIC_FORCE], p[at.MU2] * p[at.FN])
+        assert np.array_equal(p[layout.C], p[layout.MU1] * p[layout.FN] / p[layout.VR])
+        assert np.array_equal(p[layout.KINETIC_FORCE], p[layout.MU2] * p[layout.FN])
 
     check()  # before the first episode
     lanes.seed(0)
     lanes.restart()
     check()
-    assert np.ptp(lanes.values[at.C]) > 0.0
+    assert np.ptp(lanes.values[layout.C]) > 0.0
     lanes.restart(
         np.arange(0, 8, 3), lanes.checked({"interface.static_coefficient": np.full(8, 0.45)})
     )

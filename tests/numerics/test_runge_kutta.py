@@ -7,7 +7,7 @@ import pytest
 
 from mm_gym import Scene, compile_scene
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, plain
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES as WIDTH
 from mm_gym.lanes.simd import element, inverse_root
@@ -16,7 +16,7 @@ from mm_gym.law.carriage_spring import carriage_force
 from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.motion import coefficients, rates
 from mm_gym.law.springs import spring_force, stiffness
-from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta import layout as slots
 from mm_gym.methods.runge_kutta.kernel import _between, _cubic
 from mm_gym.methods.runge_kutta.tableau_kernel import first_sum, summed, tableaus
 from mm_gym.simulation.lanes import Lanes
@@ -89,10 +89,10 @@ def _steps(parts, tolerance, *, excitation="held", steps=6):
         lanes.advance(rng.uniform(-1.0, 1.0, LANES))  # the excitation goes on
         values = lanes._values
         before = values[:, :LANES].copy()
-        assert _move(lanes) == at.OK
+        assert _move(lanes) == layout.OK
         after = values[:4, :LANES].copy()
         values[:, :LANES] = before
-        assert _move(lanes, exact) == at.OK
+        assert _move(lanes, exact) == layout.OK
         yield before[:4], after, values[:4, :LANES].copy()
 
 
@@ -166,11 +166,11 @@ def test_estimates_fall_with_their_power_of_the_step(pair):
 def test_velocities_between_the_ends_of_a_step_are_cubics_and_so_is_what_they_add_up_to():
     # Where this fails, steps that change their regime are repeated, and nothing else tells.
     cubic = np.polynomial.Polynomial(np.random.default_rng(5).uniform(-1.0, 1.0, 4))
-    model, b = np.zeros(of.TIMES), np.zeros(of.SIZE)
-    model[of.STAGES] = 2
+    model, b = np.zeros(slots.TIMES), np.zeros(slots.SIZE)
+    model[slots.STAGES] = 2
     for k in range(2):
-        b[of.STATE + 2 + k], b[of.END + 2 + k] = cubic(0.0), cubic(1.0)
-        b[of.KICKS + k], b[of.KICKS + 4 + k] = cubic.deriv()(0.0), cubic.deriv()(1.0)
+        b[slots.STATE + 2 + k], b[slots.END + 2 + k] = cubic(0.0), cubic(1.0)
+        b[slots.KICKS + k], b[slots.KICKS + 4 + k] = cubic.deriv()(0.0), cubic.deriv()(1.0)
         for t in (0.3, 1.0):
             got = plain(_between)(plain(_cubic)(model, b, k), t)
             assert got == pytest.approx((cubic(t), cubic.integ()(t)), abs=1e-14)  # ten roundings
@@ -190,10 +190,10 @@ def _first(vectors):
 
 @pytest.mark.parametrize("pair", tableaus(), ids=lambda pair: f"{pair.power}")
 def test_sums_are_those_of_the_pair(pair):
-    numbers, found = on_cache_line(of.SIZE * WIDTH), np.zeros(4)
+    numbers, found = on_cache_line(slots.SIZE * WIDTH), np.zeros(4)
     rows = numbers.reshape(-1, WIDTH)
     rows[:] = np.random.default_rng(4).uniform(-1.0, 1.0, rows.shape)
-    kicks = rows[of.KICKS : of.END, 2].reshape(-1, 2)[: len(pair.times)]
+    kicks = rows[slots.KICKS : slots.END, 2].reshape(-1, 2)[: len(pair.times)]
     start = rows[:2, 2]
     for i in range(1, len(pair.times)):
         weights = pair.weights[i]
@@ -226,8 +226,8 @@ def test_inverse_roots_are_near(k):
 def test_intervals_longer_than_the_scenes_are_left_to_the_series():
     plant = compile_scene(_scene(("cubic", "friction", "free"), 1e-6))
     longer = plant.at_interval(2.0)
-    assert plant.model[of.STEPS] > 0.0
-    assert longer.model[of.STEPS] == 0.0
+    assert plant.model[slots.STEPS] > 0.0
+    assert longer.model[slots.STEPS] == 0.0
 
 
 @pytest.mark.parametrize(

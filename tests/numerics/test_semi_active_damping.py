@@ -16,7 +16,7 @@ from mm_gym import (
     compile_scene,
     simulate,
 )
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.metrics import response
 from mm_gym.precision.episode import record, truth_of
 
@@ -218,7 +218,7 @@ def test_lanes_are_single_environments_to_the_last_bit(of, carriage, interface):
     many, one = MovingMassVectorEnv(scene, count, autoreset_mode="SameStep"), MovingMassEnv(scene)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (4, count, 1)).astype(np.float32)
     first, info = many.reset(seed=5)
-    begins = info["state"].copy(), many.unwrapped.get_state()["values"][at.DAMPING].copy()
+    begins = info["state"].copy(), many.unwrapped.get_state()["values"][layout.DAMPING].copy()
     shown = [first.copy()]
     states = []
     for action in actions[:3]:
@@ -236,8 +236,8 @@ def test_lanes_are_single_environments_to_the_last_bit(of, carriage, interface):
             np.testing.assert_array_equal(observation, shown[k + 1][lane])
     many.step(actions[3])  # all episodes end and begin anew, each with a damping of its own
     values = many.unwrapped.get_state()["values"]
-    row = at.C if of == "interface" else at.D
-    np.testing.assert_array_equal(values[at.DAMPING], values[row])
+    row = layout.C if of == "interface" else layout.D
+    np.testing.assert_array_equal(values[layout.DAMPING], values[row])
     assert ((values[row] >= 1.0) & (values[row] <= 3.0)).all()
     assert (values[row] != begins[1]).all()
 
@@ -311,7 +311,7 @@ def test_state_is_restored_and_observed():
     again = [env.step(np.array([-0.3], np.float32))[4]["state"].copy() for _ in range(3)]
     np.testing.assert_array_equal(after, again)
     wrong = {**snapshot, "values": snapshot["values"].copy()}
-    wrong["values"][at.C] = 3.0
+    wrong["values"][layout.C] = 3.0
     with pytest.raises(SceneError, match="allowed: the same as in row"):
         env.set_state(wrong)
     assert env.observation_space.contains(env.reset(seed=1)[0])

@@ -10,9 +10,9 @@ import pytest
 from oracle import error
 
 from mm_gym import CompileError, Scene, compile_scene, simulate
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.simd import LANES
-from mm_gym.methods.splitting import layout as of
+from mm_gym.methods.splitting import layout as slots
 from mm_gym.methods.splitting import method
 from mm_gym.methods.splitting.method import TIGHTEST, Plan, drifts_of, weights_of
 from mm_gym.simulation.lanes import Lanes
@@ -68,7 +68,7 @@ def _end(plant: Plant, model: np.ndarray) -> np.ndarray:
     """Return the state after one control step from the start with a model's constants."""
     lane = Lanes(plant, 1)
     lane.restart()
-    lane.values[at.FORCE] = 3.0
+    lane.values[layout.FORCE] = 3.0
     lane.raise_for(plant.method.entries.propagate(model, lane.values, 0, 1))
     return lane.values[:4, 0].copy()
 
@@ -149,7 +149,7 @@ def test_lane_that_misses_the_tolerance_is_redone_by_the_series(name: str) -> No
     for one in (plant, series):
         lanes = Lanes(one, LANES)
         lanes.restart()
-        lanes.values[at.X1, 5] = 0.05
+        lanes.values[layout.X1, 5] = 0.05
         lanes.raise_for(one.method.entries.propagate(one.model, lanes.values, 0, LANES))
         ends.append(lanes.values[:4].copy())
     assert np.array_equal(ends[0][:, 5], ends[1][:, 5])
@@ -158,7 +158,7 @@ def test_lane_that_misses_the_tolerance_is_redone_by_the_series(name: str) -> No
 
 def test_weights_extrapolate_an_error_in_even_powers() -> None:
     for first in (1, 2, 7):
-        for columns in range(1, of.MOST + 1):
+        for columns in range(1, slots.MOST + 1):
             weights = weights_of(first, columns)[:columns]
             substeps = 1.0 / np.arange(first, first + columns)
             # Each sum loses as many digits as its terms cancel.
@@ -169,8 +169,8 @@ def test_weights_extrapolate_an_error_in_even_powers() -> None:
 
 
 def test_drifts_are_the_exponential_of_the_dampers() -> None:
-    row = np.zeros(at.HARMONICS)
-    row[[at.M1, at.M2, at.D, at.C]] = 0.1, 0.04, 1.3, 0.7
+    row = np.zeros(layout.HARMONICS)
+    row[[layout.M1, layout.M2, layout.D, layout.C]] = 0.1, 0.04, 1.3, 0.7
     generator = np.zeros((4, 4))
     generator[:2, 2:] = np.eye(2)
     generator[2:, 2:] = [[-20.0, 7.0], [17.5, -17.5]]

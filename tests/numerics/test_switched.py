@@ -7,7 +7,7 @@ import pytest
 from oracle import error
 
 from mm_gym import Scene, compile_scene, load_scene, simulate
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.events import NONE, first_exit
 from mm_gym.methods.switched import blocks_kernel
 from mm_gym.precision.oracle import Oracle
@@ -171,7 +171,7 @@ def test_lanes_that_cross_again_and_again_meet_the_series_alone() -> None:
 
 
 def _slips(lanes: Lanes) -> np.ndarray:
-    return np.abs(lanes.values[at.V2] - lanes.values[at.V1]) > lanes.values[at.VR]
+    return np.abs(lanes.values[layout.V2] - lanes.values[layout.V1]) > lanes.values[layout.VR]
 
 
 def test_a_motion_that_grazes_the_reference_velocity_is_followed_alone() -> None:
@@ -184,7 +184,7 @@ def test_a_motion_that_grazes_the_reference_velocity_is_followed_alone() -> None
     for distance, is_left in ((0.0, True), (1e-9, True), (-1e-9, True), (1e-3, False)):
         start = np.array([[0.004802109913185396 * (1.0 + distance)], [0.0], [-0.55], [-0.36]])
         lanes.values[:4] = series.values[:4] = start
-        lanes.values[at.FORCE] = 0.0
+        lanes.values[layout.FORCE] = 0.0
         which = np.zeros(1, np.int64)
         assert blocks_kernel.advance(plant.model, lanes.values, which) == is_left
         assert np.array_equal(lanes.values[:4], start) == is_left

@@ -10,7 +10,7 @@ import pytest
 from oracle import error
 
 from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.simd import LANES
 from mm_gym.methods.taylor import layout as taylor_layout
 from mm_gym.methods.taylor.blocks_kernel import FEWEST_LANES
@@ -112,12 +112,12 @@ def _one_step(plant: Plant, start: np.ndarray, n: int) -> np.ndarray:
     lane = Lanes(plant, 1)
     lane.restart()
     lane.values[:4, 0] = start
-    for harmonic in range(at.HARMONICS, len(lane.values), at.HARMONIC_ROWS):
+    for harmonic in range(layout.HARMONICS, len(lane.values), layout.HARMONIC_ROWS):
         angle = (
-            lane.values[harmonic + at.PHASE, 0]
-            + lane.values[harmonic + at.FREQUENCY, 0] * n * plant.time_step
+            lane.values[harmonic + layout.PHASE, 0]
+            + lane.values[harmonic + layout.FREQUENCY, 0] * n * plant.time_step
         )
-        lane.values[harmonic + at.COSINE, 0], lane.values[harmonic + at.SINE, 0] = (
+        lane.values[harmonic + layout.COSINE, 0], lane.values[harmonic + layout.SINE, 0] = (
             np.cos(angle),
             np.sin(angle),
         )
@@ -184,7 +184,7 @@ def test_lane_in_a_vector_equals_lane_alone(seed: int) -> None:
 def test_lane_that_diverges_among_many_is_an_error() -> None:
     lanes = Lanes(compile_scene(CUBIC), LANES)
     lanes.restart()
-    lanes.values[at.V1, 3] = np.nan
+    lanes.values[layout.V1, 3] = np.nan
     with pytest.raises(SimulationError, match="no longer finite"):
         lanes.raise_for(
             lanes.plant.method.entries.propagate(lanes.plant.model, lanes.values, 0, 16)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mm_gym import CompileError, Scene, SimulationError, compile_scene
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.simd import LANES
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import Recording, blank, lane_at, run
@@ -162,13 +162,13 @@ def excess(seed: int, scene_of: Callable[[np.random.Generator], Scene | None]) -
     if scene is None:
         return 0.0
     plant = compile_scene(scene)
-    limit = plant.task[at.FORCE_LIMIT] if "force" in plant.actuators else 0.0
-    stretches = plant.support.low[at.STRETCH], plant.support.high[at.STRETCH]
+    limit = plant.task[layout.FORCE_LIMIT] if "force" in plant.actuators else 0.0
+    stretches = plant.support.low[layout.STRETCH], plant.support.high[layout.STRETCH]
     lanes, worst = Lanes(plant, 1), 0.0
     lanes.restart()
     recording = blank(plant, lanes.values[:, 0].copy(), STEPS)
     for n in range(STEPS):
-        force, stretch = rng.uniform(-limit, limit), lanes.values[at.STRETCH, 0]
+        force, stretch = rng.uniform(-limit, limit), lanes.values[layout.STRETCH, 0]
         if "stretch" in plant.actuators:
             stretch = rng.uniform(*stretches)
         run(lanes, np.array([[force, stretch]]), recording, n)

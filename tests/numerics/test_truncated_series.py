@@ -9,7 +9,7 @@ import pytest
 from oracle import error
 
 from mm_gym import CompileError, Scene, compile_scene, load_scene, simulate
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.simd import LANES
 from mm_gym.methods.linear_series import kernel
 from mm_gym.methods.linear_series.method import TIGHTEST, degree_of
@@ -74,7 +74,7 @@ def test_error_falls_with_the_degree_as_the_first_term_left_out(name: str) -> No
         lane = Lanes(plant, 1)
         lane.seed(2)
         lane.restart()
-        lane.values[at.FORCE], lane.values[:4, 0] = 2.0, [0.01, -0.01, 0.5, 0.3]
+        lane.values[layout.FORCE], lane.values[:4, 0] = 2.0, [0.01, -0.01, 0.5, 0.3]
         model = plant.model.copy()
         model[kernel.DEGREE] = degree
         lane.raise_for(plant.method.entries.propagate(model, lane.values, 0, 1))
@@ -135,12 +135,12 @@ def test_pieces_and_sample_intervals_share_the_tolerance(
 def test_rows_with_one_value_are_read_once() -> None:
     """What a scene does not draw is no part of the lanes' own parameters."""
     own = {
-        "carriage.mass": at.M1,
-        "sphere.mass": at.M2,
-        "carriage.stiffness": at.K1,
-        "carriage.damping": at.D,
-        "interface.damping": at.C,
-        "springs.stiffness": at.K0,
+        "carriage.mass": layout.M1,
+        "sphere.mass": layout.M2,
+        "carriage.stiffness": layout.K1,
+        "carriage.damping": layout.D,
+        "interface.damping": layout.C,
+        "springs.stiffness": layout.K0,
     }
     for name, row in own.items():
         scene = Scene(

@@ -19,7 +19,7 @@ from mm_gym import (
     compile_scene,
     simulate,
 )
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.precision.oracle import Oracle
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import blank, run
@@ -89,7 +89,7 @@ def excess(seed: int) -> float:
     recording = blank(plant, lanes.values[:, 0].copy(), STEPS)
     for n in range(STEPS):
         try:
-            run(lanes, np.array([[0.0, lanes.values[at.STRETCH, 0]]]), recording, n)
+            run(lanes, np.array([[0.0, lanes.values[layout.STRETCH, 0]]]), recording, n)
         except SimulationError:  # an escape, or a spring of length 0
             break
         if n not in CHECKED:

@@ -11,9 +11,9 @@ import pytest
 from numba import njit
 
 from mm_gym import MovingMassVectorEnv, Scene, load_scene, simulate
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
-LANES = at.BLOCK + 1
+LANES = layout.BLOCK + 1
 """Enough for two threads."""
 
 PROGRAM = """

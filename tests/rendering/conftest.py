@@ -34,10 +34,10 @@ class Studio:
 
     def put(self, **values):
         """Put rows of `mm_gym.lanes.layout` to values, and take note of them."""
-        from mm_gym.lanes import layout as at  # noqa: PLC0415 - names of rows
+        from mm_gym.lanes import layout  # noqa: PLC0415 - names of rows
 
         for name, value in values.items():
-            self.lanes.values[getattr(at, name.upper())] = value
+            self.lanes.values[getattr(layout, name.upper())] = value
         self.history.note()
         return self
 

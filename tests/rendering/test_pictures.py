@@ -5,7 +5,7 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
 from mm_gym.rendering import mechanism as place
@@ -106,7 +106,7 @@ def test_impulse_is_found_from_the_jump_of_the_velocity(studio, size):
     left, right = arrow(shown.step(0.0).pixels, look.DISTURBANCE)
     # The trapezoidal rule over 5 ms, a twentieth of a period, errs by (2 pi / 20)^2 / 12 < 1 %.
     assert recent_impulse(shown.subject, shown.past) == pytest.approx(size, rel=0.02)
-    middle = place.REST + shown.past.now(at.X1) * shown.view.scale
+    middle = place.REST + shown.past.now(layout.X1) * shown.view.scale
     assert (right > middle + 60.0) == (size > 0.0)
     assert (left < middle - 60.0) == (size < 0.0)
 
@@ -211,7 +211,7 @@ def test_semi_active_damper_is_darker_the_more_it_damps(studio, of):
         shown = studio("CarriageForce", actuation=device).put(x1=0.0, x2=0.05, damping=damping)
         seen.append(colour_at(shown.pixels, *place_of).sum())
     assert seen[0] > seen[1] > seen[2]
-    assert shown.subject.damped_row in (at.C, at.D)
+    assert shown.subject.damped_row in (layout.C, layout.D)
 
 
 def test_limits_are_drawn_if_there_are_any(studio):

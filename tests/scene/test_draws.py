@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.simulation.lanes import Lanes
 
 NOISE = {"kind": "noise", "rms": 1.0, "low_frequency": 5.0, "high_frequency": 50.0}
@@ -181,6 +181,6 @@ def test_friction_that_follows_from_a_ratio_is_the_one_that_acts():
     lanes = Lanes(compile_scene(scene), 50)
     lanes.seed(0)
     lanes.restart()
-    mu2, normal = lanes.values[at.MU2], lanes.values[at.FN]
+    mu2, normal = lanes.values[layout.MU2], lanes.values[layout.FN]
     assert np.unique(mu2).size == 50
-    assert np.array_equal(lanes.values[at.KINETIC_FORCE], mu2 * normal)
+    assert np.array_equal(lanes.values[layout.KINETIC_FORCE], mu2 * normal)

@@ -17,7 +17,7 @@ from mm_gym import (
 )
 from mm_gym.analysis import frequency_response
 from mm_gym.excitation import noise
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.step.channels import CHANNELS
 
 LINEAR = [name for name in TASKS if "Duffing" not in name and "Friction" not in name]
@@ -59,10 +59,10 @@ def held(name):
 def states_of(env):
     """Return the states of the linear system but for the delay's, from the environment's lane."""
     support, row = env.plant.support, env._lanes.values[:, 0]
-    found = [*row[:4], row[at.FORCE]]
+    found = [*row[:4], row[layout.FORCE]]
     for j in range(len(support.ground)):
-        first = at.HARMONICS + at.HARMONIC_ROWS * j
-        found += [row[first + at.COSINE], row[first + at.SINE]]
+        first = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        found += [row[first + layout.COSINE], row[first + layout.SINE]]
     for k, part in enumerate(env.scene.excitation):
         if part.kind in {"noise", "kanai_tajimi"}:
             first = support.names[f"excitation.{k}.rms"] + noise.STATE - noise.RMS

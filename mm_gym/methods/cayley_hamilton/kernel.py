@@ -14,7 +14,7 @@ unit, so that the generator has none.
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.memory import span
 from mm_gym.law.linear_motion import ROUND_OFF
@@ -26,7 +26,7 @@ COEFFICIENTS = 10
 # Slots of the model. The generator, in units of the sample interval h and the carriage's mass m1,
 # K0 among it; what brings the stiffness to [-1, 1]; whether a force can be held; and a bound of the
 # generator.
-K1, D, C, K0, PUSH, MASS_RATIO, MIDDLE, SCALE, IS_PUSHED = (at.MODEL_OWN + i for i in range(9))
+K1, D, C, K0, PUSH, MASS_RATIO, MIDDLE, SCALE, IS_PUSHED = (layout.MODEL_OWN + i for i in range(9))
 PHASE = IS_PUSHED + 1
 # Four polynomials for the state, four for a held force, four for what remains of Taylor's series;
 # the highest coefficient first.
@@ -42,7 +42,7 @@ LINE = 2
 @borrowing_kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    count, terms = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS])
+    count, terms = int(model[layout.HARMONIC_COUNT]), int(model[layout.TERMS])
     if count == 1 and terms == 0:
         _move_with_harmonic(model, lanes, first, last)
     else:
@@ -56,20 +56,20 @@ def propagate(model, lanes, first, last):
             _move_along(model, terms, lanes, first, last)
         for j in range(count):
             _shift(model, lanes, j, True, first, last)
-    if model[IS_PUSHED] > 0.0 and (terms == 0 or model[at.BETWEEN] > 0.0):
+    if model[IS_PUSHED] > 0.0 and (terms == 0 or model[layout.BETWEEN] > 0.0):
         _push(model, lanes, first, last)
-    return at.OK
+    return layout.OK
 
 
 @borrowing_kernel
 def _move(model, lanes, first, last):
     """Advance the state as if nothing drove it."""
     prefer_widest_vectors()
-    h, generator, cubic = model[at.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_STATE)
+    h, generator, cubic = model[layout.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_STATE)
     by_h, k0, middle, scale = 1.0 / h, model[K0], model[MIDDLE], model[SCALE]
-    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
-    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
-    stretches = lanes[at.STRETCH, first:last]
+    x1s, x2s = lanes[layout.X1, first:last], lanes[layout.X2, first:last]
+    v1s, v2s = lanes[layout.V1, first:last], lanes[layout.V2, first:last]
+    stretches = lanes[layout.STRETCH, first:last]
     for i in range(last - first):
         k2 = stiffness(k0, stretches[i])
         z = x1s[i], x2s[i] - x1s[i], h * v1s[i], h * (v2s[i] - v1s[i])
@@ -81,10 +81,13 @@ def _move(model, lanes, first, last):
 def _move_along_line(model, lanes, first, last):
     """Advance the state under the held force and jets that are linear in time."""
     prefer_widest_vectors()
-    h, generator, cubic = model[at.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_REST)
+    h, generator, cubic = model[layout.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_REST)
     stiffnesses = model[K0], model[MIDDLE], model[SCALE]
-    push = model[PUSH], 1.0 - model[at.BETWEEN]  # a force between the masses is added in `_push`
-    jets, times = int(model[at.JETS]), (h, 1.0 / h, h * h)
+    push = (
+        model[PUSH],
+        1.0 - model[layout.BETWEEN],
+    )  # a force between the masses is added in `_push`
+    jets, times = int(model[layout.JETS]), (h, 1.0 / h, h * h)
     if last - first == 1:  # a lone lane does without what a loop prepares
         _step_along_line(generator, cubic, stiffnesses, push, times, lanes, jets, first)
         return
@@ -112,59 +115,59 @@ def _step_along_line(generator, cubic, stiffnesses, push, times, lanes, jets, i)
         Row of the first jet.
     """
     (k0, middle, scale), (h, by_h, square), (push, part) = stiffnesses, times, push
-    k2 = stiffness(k0, lanes[at.STRETCH, i])
-    x1, v1, ground = lanes[at.X1, i], lanes[at.V1, i], jets + LINE
-    z = x1, lanes[at.X2, i] - x1, h * v1, h * (lanes[at.V2, i] - v1)
-    force = push * fma(part, lanes[at.FORCE, i], lanes[jets, i])
+    k2 = stiffness(k0, lanes[layout.STRETCH, i])
+    x1, v1, ground = lanes[layout.X1, i], lanes[layout.V1, i], jets + LINE
+    z = x1, lanes[layout.X2, i] - x1, h * v1, h * (lanes[layout.V2, i] - v1)
+    force = push * fma(part, lanes[layout.FORCE, i], lanes[jets, i])
     y = _driven(generator, k2, z, force, square * lanes[ground, i], 1.0)
     force = push * lanes[jets + 1, i]
     rest = _driven(generator, k2, y, force, square * lanes[ground + 1, i], 0.5)
     z = z[0] + y[0], z[1] + y[1], z[2] + y[2], z[3] + y[3]
     x1, offset, v1, w = _moved(generator, cubic, k2, scale * (k2 - middle), rest)
     x1, v1 = z[0] + x1, z[2] + v1
-    lanes[at.X1, i], lanes[at.X2, i] = x1, x1 + (z[1] + offset)
-    lanes[at.V1, i], lanes[at.V2, i] = by_h * v1, by_h * (v1 + (z[3] + w))
+    lanes[layout.X1, i], lanes[layout.X2, i] = x1, x1 + (z[1] + offset)
+    lanes[layout.V1, i], lanes[layout.V2, i] = by_h * v1, by_h * (v1 + (z[3] + w))
 
 
 @borrowing_kernel
 def _move_along(model, terms, lanes, first, last):
     """Advance the state under the held force and any jets."""
-    h, generator, cubic = model[at.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_REST)
-    by_h, push, square, jets = 1.0 / h, model[PUSH], h * h, int(model[at.JETS])
-    part = 1.0 - model[at.BETWEEN]
+    h, generator, cubic = model[layout.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_REST)
+    by_h, push, square, jets = 1.0 / h, model[PUSH], h * h, int(model[layout.JETS])
+    part = 1.0 - model[layout.BETWEEN]
     for i in range(first, last):
-        k2 = stiffness(model[K0], lanes[at.STRETCH, i])
-        x1, v1 = lanes[at.X1, i], h * lanes[at.V1, i]
-        y = x1, lanes[at.X2, i] - x1, v1, h * lanes[at.V2, i] - v1
-        z, force = (0.0, 0.0, 0.0, 0.0), part * lanes[at.FORCE, i]
+        k2 = stiffness(model[K0], lanes[layout.STRETCH, i])
+        x1, v1 = lanes[layout.X1, i], h * lanes[layout.V1, i]
+        y = x1, lanes[layout.X2, i] - x1, v1, h * lanes[layout.V2, i] - v1
+        z, force = (0.0, 0.0, 0.0, 0.0), part * lanes[layout.FORCE, i]
         for n in range(terms):
             z = z[0] + y[0], z[1] + y[1], z[2] + y[2], z[3] + y[3]
             force, ground = push * (force + lanes[jets + n, i]), lanes[jets + terms + n, i]
             y, force = _driven(generator, k2, y, force, square * ground, 1.0 / (n + 1.0)), 0.0
         y = _moved(generator, cubic, k2, model[SCALE] * (k2 - model[MIDDLE]), y)
         z = z[0] + y[0], z[1] + y[1], by_h * (z[2] + y[2]), by_h * (z[3] + y[3])
-        lanes[at.X1, i], lanes[at.X2, i] = z[0], z[0] + z[1]
-        lanes[at.V1, i], lanes[at.V2, i] = z[2], z[2] + z[3]
+        lanes[layout.X1, i], lanes[layout.X2, i] = z[0], z[0] + z[1]
+        lanes[layout.V1, i], lanes[layout.V2, i] = z[2], z[2] + z[3]
 
 
 @borrowing_kernel
 def _move_with_harmonic(model, lanes, first, last):
     """Advance the state under one harmonic force."""
     prefer_widest_vectors()
-    h, generator, cubic = model[at.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_STATE)
+    h, generator, cubic = model[layout.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_STATE)
     by_h, k0, middle, scale = 1.0 / h, model[K0], model[MIDDLE], model[SCALE]
     push, ratio = model[PUSH], model[MASS_RATIO]
-    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
-    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
-    stretches = lanes[at.STRETCH, first:last]
-    amplitudes = lanes[at.HARMONICS + at.AMPLITUDE, first:last]
-    frequencies = lanes[at.HARMONICS + at.FREQUENCY, first:last]
+    x1s, x2s = lanes[layout.X1, first:last], lanes[layout.X2, first:last]
+    v1s, v2s = lanes[layout.V1, first:last], lanes[layout.V2, first:last]
+    stretches = lanes[layout.STRETCH, first:last]
+    amplitudes = lanes[layout.HARMONICS + layout.AMPLITUDE, first:last]
+    frequencies = lanes[layout.HARMONICS + layout.FREQUENCY, first:last]
     cosines, sines = (
-        lanes[at.HARMONICS + at.COSINE, first:last],
-        lanes[at.HARMONICS + at.SINE, first:last],
+        lanes[layout.HARMONICS + layout.COSINE, first:last],
+        lanes[layout.HARMONICS + layout.SINE, first:last],
     )
-    turns = lanes[at.HARMONICS + at.ROTATE_COSINE, first:last]
-    slants = lanes[at.HARMONICS + at.ROTATE_SINE, first:last]
+    turns = lanes[layout.HARMONICS + layout.ROTATE_COSINE, first:last]
+    slants = lanes[layout.HARMONICS + layout.ROTATE_SINE, first:last]
     for i in range(last - first):
         k2, c, s, turn, slant = (
             stiffness(k0, stretches[i]),
@@ -192,27 +195,30 @@ def _shift(model, lanes, j, is_end, first, last):
         Whether the motion at the interval's end is put on, or that at its start taken off.
     """
     prefer_widest_vectors()
-    h, generator, k0 = model[at.SAMPLE_INTERVAL], _generator(model), model[K0]
+    h, generator, k0 = model[layout.SAMPLE_INTERVAL], _generator(model), model[K0]
     push, ratio, by_h, harmonic = (
         model[PUSH],
         model[MASS_RATIO],
         1.0 / h,
-        at.HARMONICS + at.HARMONIC_ROWS * j,
+        layout.HARMONICS + layout.HARMONIC_ROWS * j,
     )
     for i in range(first, last):
-        c, s = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
+        c, s = lanes[harmonic + layout.COSINE, i], lanes[harmonic + layout.SINE, i]
         if is_end:
-            turn, slant = lanes[harmonic + at.ROTATE_COSINE, i], lanes[harmonic + at.ROTATE_SINE, i]
+            turn, slant = (
+                lanes[harmonic + layout.ROTATE_COSINE, i],
+                lanes[harmonic + layout.ROTATE_SINE, i],
+            )
             c, s = fma(c, turn, -s * slant), fma(s, turn, c * slant)
-        k2 = stiffness(k0, lanes[at.STRETCH, i])
-        amplitude = push * lanes[harmonic + at.AMPLITUDE, i]
-        steady = _steady(generator, ratio, k2, amplitude, h * lanes[harmonic + at.FREQUENCY, i])
+        k2 = stiffness(k0, lanes[layout.STRETCH, i])
+        amplitude = push * lanes[harmonic + layout.AMPLITUDE, i]
+        steady = _steady(generator, ratio, k2, amplitude, h * lanes[harmonic + layout.FREQUENCY, i])
         x1, offset, v1, w = _at_phase(steady, c, s)
         sign = 1.0 if is_end else -1.0
-        lanes[at.X1, i] += sign * x1
-        lanes[at.X2, i] += sign * (x1 + offset)
-        lanes[at.V1, i] += sign * by_h * v1
-        lanes[at.V2, i] += sign * by_h * (v1 + w)
+        lanes[layout.X1, i] += sign * x1
+        lanes[layout.X2, i] += sign * (x1 + offset)
+        lanes[layout.V1, i] += sign * by_h * v1
+        lanes[layout.V2, i] += sign * by_h * (v1 + w)
 
 
 @borrowing_kernel
@@ -220,18 +226,20 @@ def _push(model, lanes, first, last):
     """Add what the held force causes from rest."""
     prefer_widest_vectors()
     generator, cubic = _generator(model), _cubic(model, OF_FORCE)
-    slide = generator[3] if model[at.BETWEEN] > 0.0 else 1.0  # w', as the carriage speeds up by 1
+    slide = (
+        generator[3] if model[layout.BETWEEN] > 0.0 else 1.0
+    )  # w', as the carriage speeds up by 1
     by_h, k0, middle, scale = (
-        1.0 / model[at.SAMPLE_INTERVAL],
+        1.0 / model[layout.SAMPLE_INTERVAL],
         model[K0],
         model[MIDDLE],
         model[SCALE],
     )
-    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
-    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
+    x1s, x2s = lanes[layout.X1, first:last], lanes[layout.X2, first:last]
+    v1s, v2s = lanes[layout.V1, first:last], lanes[layout.V2, first:last]
     stretches, forces, push = (
-        lanes[at.STRETCH, first:last],
-        lanes[at.FORCE, first:last],
+        lanes[layout.STRETCH, first:last],
+        lanes[layout.FORCE, first:last],
         model[PUSH],
     )
     for i in range(last - first):
@@ -261,8 +269,8 @@ def respond(model, lanes, time, v1, v2, i):
     i
         The lane.
     """
-    h, generator = model[at.SAMPLE_INTERVAL], _generator(model)
-    k2 = stiffness(model[K0], lanes[at.STRETCH, i])
+    h, generator = model[layout.SAMPLE_INTERVAL], _generator(model)
+    k2 = stiffness(model[K0], lanes[layout.STRETCH, i])
     part, by_h, rest = time / h, 1.0 / h, (0.0, 0.0, 0.0, 0.0)
     z = term = (0.0, 0.0, h * v1, h * (v2 - v1))
     n, bound, phase = 0.0, 1.0, part * model[PHASE]
@@ -272,10 +280,10 @@ def respond(model, lanes, time, v1, v2, i):
         y1, y2, u1, u2 = _next(generator, k2, term, 0.0, rest)
         term = step * y1, step * y2, step * u1, step * u2
         z = z[0] + term[0], z[1] + term[1], z[2] + term[2], z[3] + term[3]
-    lanes[at.X1, i] += z[0]
-    lanes[at.X2, i] += z[0] + z[1]
-    lanes[at.V1, i] += by_h * z[2]
-    lanes[at.V2, i] += by_h * (z[2] + z[3])
+    lanes[layout.X1, i] += z[0]
+    lanes[layout.X2, i] += z[0] + z[1]
+    lanes[layout.V1, i] += by_h * z[2]
+    lanes[layout.V2, i] += by_h * (z[2] + z[3])
 
 
 @borrowing_kernel

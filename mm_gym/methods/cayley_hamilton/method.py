@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.base import ExactMethod, Settings, header
 from mm_gym.methods.cayley_hamilton import kernel as ch
 from mm_gym.methods.support import PARAMETRIC_LINEAR, fastest_rate
@@ -72,7 +72,7 @@ class CayleyHamilton(ExactMethod):
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
         """Return the generator and the polynomials of the cubic's coefficients."""
-        model = np.concatenate([header(support, 0), np.zeros(ch.END - at.MODEL_OWN)])
+        model = np.concatenate([header(support, 0), np.zeros(ch.END - layout.MODEL_OWN)])
         p = values_of(support.low)  # the springs are stiffest at the lowest stretch
         with localcontext(Context(prec=DIGITS)):
             h, m1 = Decimal(support.sample_interval), p["m1"]
@@ -84,11 +84,11 @@ class CayleyHamilton(ExactMethod):
                 p["d"] * h / m1,
                 p["c"] * h / m1,
             )
-            model[ch.K0], model[ch.PUSH] = Decimal(float(support.low[at.K0])) * unit, unit
+            model[ch.K0], model[ch.PUSH] = Decimal(float(support.low[layout.K0])) * unit, unit
             model[ch.MASS_RATIO], model[ch.MIDDLE] = p["m2"] / m1, middle
             model[ch.SCALE] = 1 / half if half else 0
             model[ch.PHASE] = fastest_rate(support) * support.sample_interval
-            model[ch.IS_PUSHED] = not support.fixed(at.FORCE)
+            model[ch.IS_PUSHED] = not support.fixed(layout.FORCE)
             half_range = (stiffest - softest) / 2
             cubics = _cubics(p, h, (softest + stiffest) / 2, half_range, support.terms)
         model[ch.OF_STATE : ch.END] = cubics[:, :, ::-1].astype(np.float64).ravel()
@@ -96,7 +96,7 @@ class CayleyHamilton(ExactMethod):
 
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the products of the polynomials and of the excitation."""
-        excitation = 40 * int(model[at.HARMONIC_COUNT]) + 10 * int(model[at.TERMS])
+        excitation = 40 * int(model[layout.HARMONIC_COUNT]) + 10 * int(model[layout.TERMS])
         return f"{4 * ch.COEFFICIENTS + 28 + excitation} products"
 
 
@@ -108,14 +108,14 @@ def _amplification(support: Support) -> float:
     """
     if not support.ground:
         return 0.0
-    c, d, h = support.low[at.C], support.low[at.D], support.sample_interval
+    c, d, h = support.low[layout.C], support.low[layout.D], support.sample_interval
     lowest = support.lowest_frequencies.min() * h * h * min(d, math.sqrt(c * d))
-    return 2.0 * support.low[at.M1] / lowest if lowest > 0.0 else math.inf
+    return 2.0 * support.low[layout.M1] / lowest if lowest > 0.0 else math.inf
 
 
 def _most_stretched(support: Support) -> NDArray[np.float64]:
     row = support.low.copy()
-    row[at.STRETCH] = support.high[at.STRETCH]
+    row[layout.STRETCH] = support.high[layout.STRETCH]
     return row
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.excitation.jets import jet_value
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.elementary import cosine_and_sine
 from mm_gym.lanes.groups import read, write_state
@@ -18,7 +18,7 @@ from mm_gym.lanes.simd_masks import none, where
 from mm_gym.law.carriage_spring import escape_distance, has_escaped
 from mm_gym.law.motion import control_forces, rates, read_coefficients
 
-SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
+SUBSTEPS, IS_FINITE = layout.MODEL_OWN, layout.MODEL_OWN + 1
 
 
 @borrowing_kernel
@@ -26,13 +26,13 @@ def propagate_rk4(model, lanes, first, last):
     """Advance the lanes by one sample interval with the classical method of Kutta (1901)."""
     prefer_widest_vectors()
     stay_apart()
-    substeps, finite, status = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0, at.OK
-    h = model[at.SAMPLE_INTERVAL] / substeps
+    substeps, finite, status = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0, layout.OK
+    h = model[layout.SAMPLE_INTERVAL] / substeps
     half, sixth = 0.5 * h, h / 6.0
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
         p, (x1, x2, v1, v2) = _constants(model, lanes, i, count), _state(lanes, i, count)
-        escape = _escape_distances(lanes, i, count, model[at.SAMPLE_INTERVAL])
+        escape = _escape_distances(lanes, i, count, model[layout.SAMPLE_INTERVAL])
         may_escape = not none(escape < np.inf)
         for k in range(substeps):
             start, middle, end = (
@@ -65,12 +65,12 @@ def propagate_semi_implicit_euler(model, lanes, first, last):
     """Advance the lanes by a sample interval: velocities, then positions with the new ones."""
     prefer_widest_vectors()
     stay_apart()
-    substeps, finite, status = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0, at.OK
-    h = model[at.SAMPLE_INTERVAL] / substeps
+    substeps, finite, status = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0, layout.OK
+    h = model[layout.SAMPLE_INTERVAL] / substeps
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
         p, (x1, x2, v1, v2) = _constants(model, lanes, i, count), _state(lanes, i, count)
-        escape = _escape_distances(lanes, i, count, model[at.SAMPLE_INTERVAL])
+        escape = _escape_distances(lanes, i, count, model[layout.SAMPLE_INTERVAL])
         may_escape = not none(escape < np.inf)
         for k in range(substeps):
             a1, a2 = _field(p, finite, _excitation(model, lanes, i, count, k * h), x1, x2, v1, v2)
@@ -90,8 +90,8 @@ def _escape_distances(lanes, i, count, duration):
     """Return the escape distances [m] of the lanes i .. i + count - 1, infinite where none is."""
     distances = everywhere(np.inf)
     for k in range(count):
-        m1, k1 = lanes[at.M1, i + k], lanes[at.K1, i + k]
-        alpha, beta = lanes[at.ALPHA, i + k], lanes[at.BETA, i + k]
+        m1, k1 = lanes[layout.M1, i + k], lanes[layout.K1, i + k]
+        alpha, beta = lanes[layout.ALPHA, i + k], lanes[layout.BETA, i + k]
         distances = with_element(distances, k, escape_distance(m1, k1, alpha, beta, duration))
     return distances
 
@@ -110,22 +110,22 @@ def _status(escape, x1, v1, count):
     """Return the status of lanes of which some may have escaped."""
     for k in range(count):
         if has_escaped(element(x1, k), element(v1, k), element(escape, k)):
-            return at.ESCAPED
-    return at.OK
+            return layout.ESCAPED
+    return layout.OK
 
 
 @inlined_kernel
 def _state(lanes, i, count):
     """Return the state of the lanes i .. i + count - 1."""
-    x1, x2 = read(lanes, at.X1, i, count), read(lanes, at.X2, i, count)
-    return x1, x2, read(lanes, at.V1, i, count), read(lanes, at.V2, i, count)
+    x1, x2 = read(lanes, layout.X1, i, count), read(lanes, layout.X2, i, count)
+    return x1, x2, read(lanes, layout.V1, i, count), read(lanes, layout.V2, i, count)
 
 
 @inlined_kernel
 def _constants(model, lanes, i, count):
     """Return the coefficients of the lanes i .. i + count - 1, damping, and the forces held [N]."""
-    p, held = read_coefficients(lanes, i, count), read(lanes, at.FORCE, i, count)
-    return p, read(lanes, at.C, i, count), control_forces(model, held)
+    p, held = read_coefficients(lanes, i, count), read(lanes, layout.FORCE, i, count)
+    return p, read(lanes, layout.C, i, count), control_forces(model, held)
 
 
 @inlined_kernel
@@ -140,7 +140,7 @@ def _field(p, finite, excitation, x1, x2, v1, v2):
 def _excitation(model, lanes, i, count, elapsed):
     """Return force [N] and acceleration of the ground [m/s^2] some time [s] into an interval."""
     force, ground = everywhere(0.0), everywhere(0.0)
-    if model[at.TERMS] > 0.0 or model[at.HARMONIC_COUNT] > 0.0:
+    if model[layout.TERMS] > 0.0 or model[layout.HARMONIC_COUNT] > 0.0:
         for k in range(count):
             pushed, shaken = _excitation_of(model, lanes, elapsed, i + k)
             force, ground = with_element(force, k, pushed), with_element(ground, k, shaken)
@@ -150,16 +150,16 @@ def _excitation(model, lanes, i, count, elapsed):
 @borrowing_kernel
 def _excitation_of(model, lanes, elapsed, i):
     """Return the same of one lane."""
-    terms, part = int(model[at.TERMS]), elapsed / model[at.SAMPLE_INTERVAL]
-    force = jet_value(lanes, int(model[at.JETS]), terms, part, i)
-    ground = jet_value(lanes, int(model[at.JETS]) + terms, terms, part, i)
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        c, s = cosine_and_sine(lanes[harmonic + at.FREQUENCY, i] * elapsed)
-        value = lanes[harmonic + at.SINE, i] * c
-        value += lanes[harmonic + at.COSINE, i] * s
-        value *= lanes[harmonic + at.AMPLITUDE, i]
-        if (int(model[at.GROUND]) >> j) & 1:
+    terms, part = int(model[layout.TERMS]), elapsed / model[layout.SAMPLE_INTERVAL]
+    force = jet_value(lanes, int(model[layout.JETS]), terms, part, i)
+    ground = jet_value(lanes, int(model[layout.JETS]) + terms, terms, part, i)
+    for j in range(int(model[layout.HARMONIC_COUNT])):
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        c, s = cosine_and_sine(lanes[harmonic + layout.FREQUENCY, i] * elapsed)
+        value = lanes[harmonic + layout.SINE, i] * c
+        value += lanes[harmonic + layout.COSINE, i] * s
+        value *= lanes[harmonic + layout.AMPLITUDE, i]
+        if (int(model[layout.GROUND]) >> j) & 1:
             ground += value
         else:
             force += value

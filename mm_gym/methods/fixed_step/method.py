@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.base import Method, Option, Settings, header
 from mm_gym.methods.fixed_step import kernel
 from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, SMOOTH_NONLINEAR
@@ -28,7 +28,7 @@ class FixedStep(Method):
         """Return the number of substeps and the kind of springs."""
         model = header(support, 2)
         model[kernel.SUBSTEPS] = settings.substeps
-        model[kernel.IS_FINITE] = support.high[at.L0] > 0.0
+        model[kernel.IS_FINITE] = support.high[layout.L0] > 0.0
         return model
 
     def cost(self, model: NDArray[np.float64]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.kinds import excited
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.step.outputs import scaling, shown, shows_state
 from mm_gym.step.task import check_termination, is_at_once, is_lost, state_cost, state_weights
@@ -12,7 +12,7 @@ from mm_gym.step.task import check_termination, is_at_once, is_lost, state_cost,
 # Slots of the model: 4 rows of the transition matrix, then per harmonic 4 responses to its cosine
 # and 4 to its sine, then 4 to each term of both jets; then, with impulses, exp(A dt / 2**k) of each
 # of the HALVINGS, row-major (4, 4).
-TRANSITION = at.MODEL_OWN  # [exp(A dt) | response to a held force], row-major (4, 5)
+TRANSITION = layout.MODEL_OWN  # [exp(A dt) | response to a held force], row-major (4, 5)
 RESPONSES = TRANSITION + 20
 
 HALVINGS = 53
@@ -23,36 +23,36 @@ HALVINGS = 53
 def propagate(model, lanes, first, last):
     """Advance x' = A x + B u + E z by one sample interval; u is held, z turns (Van Loan, 1978)."""
     to_x1, to_x2, to_v1, to_v2 = transition(model)
-    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
-    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
-    us = lanes[at.FORCE, first:last]
+    x1s, x2s = lanes[layout.X1, first:last], lanes[layout.X2, first:last]
+    v1s, v2s = lanes[layout.V1, first:last], lanes[layout.V2, first:last]
+    us = lanes[layout.FORCE, first:last]
     for i in range(last - first):
         x1, x2, v1, v2, u = x1s[i], x2s[i], v1s[i], v2s[i], us[i]
         x1s[i] = product(to_x1, x1, x2, v1, v2, u)
         x2s[i] = product(to_x2, x1, x2, v1, v2, u)
         v1s[i] = product(to_v1, x1, x2, v1, v2, u)
         v2s[i] = product(to_v2, x1, x2, v1, v2, u)
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        amplitudes = lanes[harmonic + at.AMPLITUDE, first:last]
+    for j in range(int(model[layout.HARMONIC_COUNT])):
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        amplitudes = lanes[harmonic + layout.AMPLITUDE, first:last]
         cosines, sines = (
-            lanes[harmonic + at.COSINE, first:last],
-            lanes[harmonic + at.SINE, first:last],
+            lanes[harmonic + layout.COSINE, first:last],
+            lanes[harmonic + layout.SINE, first:last],
         )
         for row in range(4):
             on_cosine, on_sine = model[RESPONSES + 8 * j + row], model[RESPONSES + 8 * j + 4 + row]
             reached = lanes[row, first:last]
             for i in range(last - first):
                 reached[i] += amplitudes[i] * (on_cosine * cosines[i] + on_sine * sines[i])
-    terms, jets = int(model[at.TERMS]), int(model[at.JETS])
-    responses = RESPONSES + 8 * int(model[at.HARMONIC_COUNT])
+    terms, jets = int(model[layout.TERMS]), int(model[layout.JETS])
+    responses = RESPONSES + 8 * int(model[layout.HARMONIC_COUNT])
     for n in range(2 * terms):
         coefficients = lanes[jets + n, first:last]
         for row in range(4):
             on_term, reached = model[responses + 4 * n + row], lanes[row, first:last]
             for i in range(last - first):
                 reached[i] += on_term * coefficients[i]
-    return at.OK
+    return layout.OK
 
 
 @borrowing_kernel
@@ -76,8 +76,8 @@ def respond(model, lanes, time, v1, v2, i):
         The lane.
     """
     x1 = x2 = 0.0
-    part, k = time / model[at.SAMPLE_INTERVAL], RESPONSES
-    k += 8 * (int(model[at.HARMONIC_COUNT]) + int(model[at.TERMS]))
+    part, k = time / model[layout.SAMPLE_INTERVAL], RESPONSES
+    k += 8 * (int(model[layout.HARMONIC_COUNT]) + int(model[layout.TERMS]))
     for _ in range(HALVINGS):
         part *= 2.0
         if part >= 1.0:
@@ -86,10 +86,10 @@ def respond(model, lanes, time, v1, v2, i):
             x1, x2 = _product(model, k, z), _product(model, k + 4, z)
             v1, v2 = _product(model, k + 8, z), _product(model, k + 12, z)
         k += 16
-    lanes[at.X1, i] += x1
-    lanes[at.X2, i] += x2
-    lanes[at.V1, i] += v1
-    lanes[at.V2, i] += v2
+    lanes[layout.X1, i] += x1
+    lanes[layout.X2, i] += x2
+    lanes[layout.V1, i] += v1
+    lanes[layout.V2, i] += v2
 
 
 @borrowing_kernel
@@ -105,9 +105,9 @@ def at_once(task, model, lanes, frames, ends, streams, actions, rewards, first, 
     What it saves is not arithmetic but memory: each row is read and written once.
     """
     status = _push_score_and_show(task, model, lanes, frames, actions, rewards, first, last)
-    for start in range(first, last, at.BLOCK):
+    for start in range(first, last, layout.BLOCK):
         status = max(
-            status, check_termination(task, lanes, ends, start, min(start + at.BLOCK, last))
+            status, check_termination(task, lanes, ends, start, min(start + layout.BLOCK, last))
         )
     return status
 
@@ -115,13 +115,13 @@ def at_once(task, model, lanes, frames, ends, streams, actions, rewards, first, 
 @borrowing_kernel
 def is_simple(task, model, frames):
     """Tell whether only a force acts, as commanded, and the state's channels are observed."""
-    pushed = task[at.HAS_FORCE] > 0.0 and not task[at.HAS_STRETCH] > 0.0
-    direct = not (task[at.FORCE_IS_RATE] > 0.0 or task[at.FORCE_ROW] > 0.0) and is_at_once(
-        task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR]
+    pushed = task[layout.HAS_FORCE] > 0.0 and not task[layout.HAS_STRETCH] > 0.0
+    direct = not (task[layout.FORCE_IS_RATE] > 0.0 or task[layout.FORCE_ROW] > 0.0) and is_at_once(
+        task[layout.FORCE_RATE], task[layout.FORCE_LAG_FACTOR]
     )
-    alone = model[at.HARMONIC_COUNT] == 0.0 and not excited(model)
-    shown_only = shows_state(task, frames) and not task[at.IS_DERIVED] > 0.0
-    return pushed and direct and alone and shown_only and model[at.INTERVALS] == 1.0
+    alone = model[layout.HARMONIC_COUNT] == 0.0 and not excited(model)
+    shown_only = shows_state(task, frames) and not task[layout.IS_DERIVED] > 0.0
+    return pushed and direct and alone and shown_only and model[layout.INTERVALS] == 1.0
 
 
 @borrowing_kernel
@@ -140,11 +140,15 @@ def _push_score_and_show(task, model, lanes, frames, actions, rewards, first, la
         (count,) float64, written.
     """
     prefer_widest_vectors()
-    limit, weight, weights = task[at.FORCE_LIMIT], task[at.WEIGHT_EFFORT], state_weights(task)
+    limit, weight, weights = (
+        task[layout.FORCE_LIMIT],
+        task[layout.WEIGHT_EFFORT],
+        state_weights(task),
+    )
     to_x1, to_x2, to_v1, to_v2 = transition(model)
-    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
-    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
-    us, earned = lanes[at.FORCE, first:last], rewards[first:last]
+    x1s, x2s = lanes[layout.X1, first:last], lanes[layout.X2, first:last]
+    v1s, v2s = lanes[layout.V1, first:last], lanes[layout.V2, first:last]
+    us, earned = lanes[layout.FORCE, first:last], rewards[first:last]
     first_frame, second_frame = frames[0, first:last], frames[1, first:last]
     third_frame, fourth_frame = frames[2, first:last], frames[3, first:last]
     (scale1, shift1), (scale2, shift2) = scaling(task, 0), scaling(task, 1)
@@ -163,7 +167,7 @@ def _push_score_and_show(task, model, lanes, frames, actions, rewards, first, la
         )
         third_frame[i], fourth_frame[i] = shown(w1, scale3, shift3), shown(w2, scale4, shift4)
         lost |= is_lost(reward)
-    return at.DIVERGED if lost else at.OK
+    return layout.DIVERGED if lost else layout.OK
 
 
 @borrowing_kernel

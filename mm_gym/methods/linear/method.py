@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.excitation.kinds import IMPULSES
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.base import ExactMethod, Settings, header, refuse_overflow
 from mm_gym.methods.linear import kernel
 from mm_gym.methods.support import LINEAR, MASSLESS
@@ -82,7 +82,7 @@ class Linear(ExactMethod):
 
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the number of products."""
-        return f"{20 + 8 * int(model[at.HARMONIC_COUNT] + model[at.TERMS])} products"
+        return f"{20 + 8 * int(model[layout.HARMONIC_COUNT] + model[layout.TERMS])} products"
 
 
 class Massless(Linear):
@@ -98,7 +98,7 @@ class Massless(Linear):
             return "needs a viscous interface, or none, and linear springs"
         if support.varying:
             return "needs parameters, stretch and frequencies that have one value each"
-        if not support.low[at.C] + support.low[at.D] > 0.0:
+        if not support.low[layout.C] + support.low[layout.D] > 0.0:
             return "needs interface.damping + carriage.damping > 0, or nothing resists its motion"
         return None
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.excitation.sources import is_excited
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write
 from mm_gym.lanes.memory import on_cache_line
@@ -28,8 +28,15 @@ of a jet behind the first."""
 
 # Slots of the model. For each group of rows, which together are one number of a lane, there is one
 # that says whether lanes have values of their own; and 1 / n.
-DEGREE, PIECES, VARIES = (at.MODEL_OWN + i for i in range(3))
-GROUPS = (at.M1,), (at.M2,), (at.K1, at.ALPHA), (at.D,), (at.C,), (at.K0, at.STRETCH)
+DEGREE, PIECES, VARIES = (layout.MODEL_OWN + i for i in range(3))
+GROUPS = (
+    (layout.M1,),
+    (layout.M2,),
+    (layout.K1, layout.ALPHA),
+    (layout.D,),
+    (layout.C,),
+    (layout.K0, layout.STRETCH),
+)
 INVERSES = VARIES + len(GROUPS)
 END = INVERSES + MOST + 1
 
@@ -41,13 +48,13 @@ FORCE, GROUND, HARMONIC = 0, MOST, 2 * MOST
 @kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    is_alone = model[at.HARMONIC_COUNT] <= 1.0 and model[at.GROUND] == 0.0
+    is_alone = model[layout.HARMONIC_COUNT] <= 1.0 and model[layout.GROUND] == 0.0
     if is_excited(model) and (model[PIECES] > 1.0 or not is_alone):
         numbers = on_cache_line(rows_of_drive(model) * LANES)
         _propagate(model, lanes, rows_of(numbers), first, last)
     else:
         _propagate(model, lanes, None, first, last)
-    return at.OK
+    return layout.OK
 
 
 @borrowing_kernel
@@ -76,24 +83,24 @@ def _move(model, lanes, b, p, i, count):
     pieces, degree, is_swung = (
         int(model[PIECES]),
         int(model[DEGREE]),
-        model[at.HARMONIC_COUNT] > 0.0,
+        model[layout.HARMONIC_COUNT] > 0.0,
     )
-    piece, zero = model[at.SAMPLE_INTERVAL] / pieces, everywhere(0.0)
-    terms, jets = int(model[at.TERMS]), int(model[at.JETS])
+    piece, zero = model[layout.SAMPLE_INTERVAL] / pieces, everywhere(0.0)
+    terms, jets = int(model[layout.TERMS]), int(model[layout.JETS])
     by_piece, square, cosine, sine, turn = 1.0 / piece, piece * piece, zero, zero, zero
     m1, by_m1, by_m2, k1, d, c, k2 = p
     rate = piece * by_m1
     scale = piece * rate
     g = scale * k1, rate * d, rate * c, scale * k2, m1 * by_m2
-    pair, held = control_forces(model, scale * read(lanes, at.FORCE, i, count))
+    pair, held = control_forces(model, scale * read(lanes, layout.FORCE, i, count))
     y = state_of(lanes, piece, i, count)
     if b is not None:
         load_drive(model, lanes, b, pieces, i, count)
     elif is_swung:
-        size = scale * read(lanes, at.HARMONICS + at.AMPLITUDE, i, count)
-        cosine = size * read(lanes, at.HARMONICS + at.COSINE, i, count)
-        sine = size * read(lanes, at.HARMONICS + at.SINE, i, count)
-        turn = piece * read(lanes, at.HARMONICS + at.FREQUENCY, i, count)
+        size = scale * read(lanes, layout.HARMONICS + layout.AMPLITUDE, i, count)
+        cosine = size * read(lanes, layout.HARMONICS + layout.COSINE, i, count)
+        sine = size * read(lanes, layout.HARMONICS + layout.SINE, i, count)
+        turn = piece * read(lanes, layout.HARMONICS + layout.FREQUENCY, i, count)
     for k in range(pieces):
         if b is not None:
             terms = write_drive(model, lanes, b, scale, piece, degree, i, count)
@@ -121,10 +128,10 @@ def _move(model, lanes, b, p, i, count):
             y = add(y, weight, rest)
         if b is not None and k < pieces - 1:
             continue_drive(model, lanes, b, piece, degree, i, count)
-    write(lanes, at.X1, i, count, y[0])
-    write(lanes, at.X2, i, count, y[0] + y[1])
-    write(lanes, at.V1, i, count, by_piece * y[2])
-    write(lanes, at.V2, i, count, by_piece * (y[2] + y[3]))
+    write(lanes, layout.X1, i, count, y[0])
+    write(lanes, layout.X2, i, count, y[0] + y[1])
+    write(lanes, layout.V1, i, count, by_piece * y[2])
+    write(lanes, layout.V2, i, count, by_piece * (y[2] + y[3]))
 
 
 @inlined_kernel
@@ -170,52 +177,52 @@ def _parameters(lanes, known, varies, i, count):
     """
     if known is None:
         m1, m2, k1, d, c, k0 = parameters_of(lanes, i, count)
-        k2 = stiffness(k0, read(lanes, at.STRETCH, i, count))
+        k2 = stiffness(k0, read(lanes, layout.STRETCH, i, count))
         return m1, 1.0 / m1, 1.0 / m2, k1, d, c, k2
     m1, by_m1, by_m2, k1, d, c, k2 = known
     if varies[0]:
-        m1 = read(lanes, at.M1, i, count)
+        m1 = read(lanes, layout.M1, i, count)
         by_m1 = 1.0 / m1
     if varies[1]:
-        by_m2 = 1.0 / read(lanes, at.M2, i, count)
+        by_m2 = 1.0 / read(lanes, layout.M2, i, count)
     if varies[2]:
-        k1 = read(lanes, at.K1, i, count) * read(lanes, at.ALPHA, i, count)
+        k1 = read(lanes, layout.K1, i, count) * read(lanes, layout.ALPHA, i, count)
     if varies[3]:
-        d = read(lanes, at.D, i, count)
+        d = read(lanes, layout.D, i, count)
     if varies[4]:
-        c = read(lanes, at.C, i, count)
+        c = read(lanes, layout.C, i, count)
     if varies[5]:
-        k2 = stiffness(read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count))
+        k2 = stiffness(read(lanes, layout.K0, i, count), read(lanes, layout.STRETCH, i, count))
     return m1, by_m1, by_m2, k1, d, c, k2
 
 
 @inlined_kernel
 def parameters_of(lanes, i, count):
     """Return the same of the lanes i .. i + count - 1."""
-    k1 = read(lanes, at.K1, i, count) * read(lanes, at.ALPHA, i, count)
+    k1 = read(lanes, layout.K1, i, count) * read(lanes, layout.ALPHA, i, count)
     m1, m2, k0 = (
-        read(lanes, at.M1, i, count),
-        read(lanes, at.M2, i, count),
-        read(lanes, at.K0, i, count),
+        read(lanes, layout.M1, i, count),
+        read(lanes, layout.M2, i, count),
+        read(lanes, layout.K0, i, count),
     )
-    return m1, m2, k1, read(lanes, at.D, i, count), read(lanes, at.C, i, count), k0
+    return m1, m2, k1, read(lanes, layout.D, i, count), read(lanes, layout.C, i, count), k0
 
 
 @borrowing_kernel
 def rows_of_drive(model):
     """Return how many rows b has."""
-    return HARMONIC + 2 * int(model[at.HARMONIC_COUNT]) + 2 * int(model[at.TERMS])
+    return HARMONIC + 2 * int(model[layout.HARMONIC_COUNT]) + 2 * int(model[layout.TERMS])
 
 
 @borrowing_kernel
 def load_drive(model, lanes, b, pieces, i, count):
     """Load the harmonics' phases and the jets."""
-    harmonics, terms = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS])
+    harmonics, terms = int(model[layout.HARMONIC_COUNT]), int(model[layout.TERMS])
     for j in range(harmonics):
-        row = at.HARMONICS + at.HARMONIC_ROWS * j
-        b[HARMONIC + 2 * j] = read(lanes, row + at.COSINE, i, count)
-        b[HARMONIC + 2 * j + 1] = read(lanes, row + at.SINE, i, count)
-    row, jet = int(model[at.JETS]), HARMONIC + 2 * harmonics
+        row = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        b[HARMONIC + 2 * j] = read(lanes, row + layout.COSINE, i, count)
+        b[HARMONIC + 2 * j + 1] = read(lanes, row + layout.SINE, i, count)
+    row, jet = int(model[layout.JETS]), HARMONIC + 2 * harmonics
     for k in range(2 * terms):
         b[jet + k] = read(lanes, row + k, i, count) * float(pieces) ** -(k % terms)
 
@@ -223,7 +230,11 @@ def load_drive(model, lanes, b, pieces, i, count):
 @borrowing_kernel
 def write_drive(model, lanes, b, scale, piece, degree, i, count):
     """Write the series of what excites the lanes over a piece; return how many terms they have."""
-    harmonics, terms, square = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS]), piece * piece
+    harmonics, terms, square = (
+        int(model[layout.HARMONIC_COUNT]),
+        int(model[layout.TERMS]),
+        piece * piece,
+    )
     zero, jet, factor = everywhere(0.0), HARMONIC + 2 * harmonics, 1.0
     written = degree if harmonics > 0 else max(min(terms, degree), 1)
     for n in range(written):
@@ -233,11 +244,11 @@ def write_drive(model, lanes, b, scale, piece, degree, i, count):
             b[GROUND + n] = factor * square * b[jet + terms + n]
             factor *= n + 1.0
     for j in range(harmonics):
-        row = at.HARMONICS + at.HARMONIC_ROWS * j
-        is_ground = (int(model[at.GROUND]) >> j) & 1
+        row = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        is_ground = (int(model[layout.GROUND]) >> j) & 1
         target, size = (GROUND, everywhere(square)) if is_ground else (FORCE, scale)
-        size = size * read(lanes, row + at.AMPLITUDE, i, count)
-        turn = piece * read(lanes, row + at.FREQUENCY, i, count)
+        size = size * read(lanes, row + layout.AMPLITUDE, i, count)
+        turn = piece * read(lanes, row + layout.FREQUENCY, i, count)
         cosine, sine = size * b[HARMONIC + 2 * j], size * b[HARMONIC + 2 * j + 1]
         for n in range(degree):
             b[target + n] = b[target + n] + sine
@@ -248,10 +259,12 @@ def write_drive(model, lanes, b, scale, piece, degree, i, count):
 @borrowing_kernel
 def continue_drive(model, lanes, b, piece, degree, i, count):
     """Turn the harmonics by a piece, and shift both jets by it: (t + 1)^n by Horner's scheme."""
-    harmonics, terms = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS])
+    harmonics, terms = int(model[layout.HARMONIC_COUNT]), int(model[layout.TERMS])
     for j in range(harmonics):
         row = HARMONIC + 2 * j
-        frequency = read(lanes, at.HARMONICS + at.HARMONIC_ROWS * j + at.FREQUENCY, i, count)
+        frequency = read(
+            lanes, layout.HARMONICS + layout.HARMONIC_ROWS * j + layout.FREQUENCY, i, count
+        )
         cosine, sine = cosines, sines = b[row], b[row + 1]
         for n in range(degree):
             turn = frequency * (piece / (n + 1.0))

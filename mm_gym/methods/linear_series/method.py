@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import CompileError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.linear_motion import respond
 from mm_gym.methods.base import ExactMethod, Method, Option, Settings, degree, header
 from mm_gym.methods.linear_series import kernel
@@ -120,7 +120,7 @@ def _model(support: Support, degree_of_piece: Callable[[float, float], int]) -> 
         raise CompileError(msg)
     terms = degree_of_piece(phase / pieces, pieces * support.intervals_per_step)
     terms += max(support.terms - 1, 0)  # what the last term of a jet causes begins so much later
-    model = header(support, kernel.END - at.MODEL_OWN)
+    model = header(support, kernel.END - layout.MODEL_OWN)
     model[kernel.PIECES], model[kernel.DEGREE] = pieces, terms
     varies = [not all(map(support.fixed, rows)) for rows in kernel.GROUPS]
     model[kernel.VARIES : kernel.INVERSES] = varies

@@ -17,7 +17,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.excitation.sources import excitation, is_excited, load_sources, rows_of_sources
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write, write_states
 from mm_gym.lanes.simd import LANES, alike, everywhere, inverse_root, root
@@ -48,7 +48,7 @@ from mm_gym.law.interface import (
 )
 from mm_gym.law.motion import Coefficients, control_forces, rates, read_coefficients
 from mm_gym.law.springs import is_resolved
-from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta import layout as slots
 from mm_gym.methods.runge_kutta.tableau_kernel import summed
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as series
@@ -93,8 +93,8 @@ NEWTON_STEPS = 2
 
 _GROUP = VECTORS * LANES
 _ALL = (1 << _GROUP) - 1
-_copy_lane = lane_copier(of.MOVED)
-_group, _waiting = rows_on_stack(VECTORS * of.SIZE), rows_on_stack(VECTORS * of.SIZE)
+_copy_lane = lane_copier(slots.MOVED)
+_group, _waiting = rows_on_stack(VECTORS * slots.SIZE), rows_on_stack(VECTORS * slots.SIZE)
 
 
 def propagate_with(interface: Interface) -> Callable[..., int]:
@@ -110,7 +110,7 @@ def propagate_with(interface: Interface) -> Callable[..., int]:
 @borrowing_kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    if not model[of.STEPS] > 0.0:
+    if not model[slots.STEPS] > 0.0:
         return taylor.propagate(model, lanes, first, last)
     return _propagate(LINE, model, lanes, first, last)
 
@@ -118,7 +118,7 @@ def propagate(model, lanes, first, last):
 @inlined_kernel
 def _propagate(interface, model, lanes, first, last):
     """Advance the lanes by one sample interval."""
-    b, w, idle, status = _group(), _waiting(), _ALL, at.OK
+    b, w, idle, status = _group(), _waiting(), _ALL, layout.OK
     for i in range(first, last, _GROUP):
         count = min(_GROUP, last - i)
         for k in range(0, count, LANES):
@@ -126,10 +126,10 @@ def _propagate(interface, model, lanes, first, last):
         everyone = busy = (1 << count) - 1
         while 2 * how_many(busy) > count:
             _walk(interface, model, b, count)
-            busy = everyone & _those(b, count, of.GOES_ON)
+            busy = everyone & _those(b, count, slots.GOES_ON)
         for k in range(0, count, LANES):
             _store(interface, model, lanes, i + k, min(LANES, count - k), _vector_of(b, k))
-        busy = everyone - (everyone & _those(b, count, of.DONE))
+        busy = everyone - (everyone & _those(b, count, slots.DONE))
         while busy != 0:
             while idle == 0:
                 idle, status = _empty(interface, model, lanes, w, idle, status)
@@ -138,7 +138,7 @@ def _propagate(interface, model, lanes, first, last):
                 for other in range(_GROUP - 1, 0, -1):
                     _move(interface, model, b, k, w, other)
             _move(interface, model, b, k, w, slot)
-            _vector_of(w, slot)[of.LANE, slot % LANES] = i + k
+            _vector_of(w, slot)[slots.LANE, slot % LANES] = i + k
             idle, busy = idle & (idle - 1), busy & (busy - 1)
     while idle != _ALL:
         idle, status = _empty(interface, model, lanes, w, idle, status)
@@ -149,15 +149,15 @@ def _propagate(interface, model, lanes, first, last):
 def shorten(model, piece):
     """Give a piece of a sample interval its part of the tolerance."""
     taylor.shorten(model, piece)
-    if model[of.STEPS] > 0.0:
-        part = piece[at.SAMPLE_INTERVAL] / model[at.SAMPLE_INTERVAL]
-        piece[of.LIMIT] = model[of.LIMIT] * part
+    if model[slots.STEPS] > 0.0:
+        part = piece[layout.SAMPLE_INTERVAL] / model[layout.SAMPLE_INTERVAL]
+        piece[slots.LIMIT] = model[slots.LIMIT] * part
 
 
 @inlined_kernel
 def _vector_of(group, k):
     """Return the rows of the vector in a group that lane k is in."""
-    return from_row(group, k // LANES * of.SIZE)
+    return from_row(group, k // LANES * slots.SIZE)
 
 
 @inlined_kernel
@@ -165,7 +165,7 @@ def _those(group, count, outcome):
     """Return the bits of the lanes of a group with an outcome."""
     found = 0
     for k in range(0, count, LANES):
-        found |= bits(_vector_of(group, k)[of.OUTCOME] == outcome) << k
+        found |= bits(_vector_of(group, k)[slots.OUTCOME] == outcome) << k
     return found
 
 
@@ -174,38 +174,38 @@ def _load(interface, model, lanes, i, count, b):
     """Load the state and the coefficients of a vector of lanes."""
     states = states_of(interface)
     for k in range(states):
-        b[of.STATE + k] = read(lanes, state_row(model, k, states), i, count)
+        b[slots.STATE + k] = read(lanes, state_row(model, k, states), i, count)
     write_coefficients(b, read_coefficients(lanes, i, count))
-    b[of.PAIR], b[of.FORCE] = control_forces(model, read(lanes, at.FORCE, i, count))
+    b[slots.PAIR], b[slots.FORCE] = control_forces(model, read(lanes, layout.FORCE, i, count))
     if is_line(interface):
-        b[of.SLOPE], b[of.INTERCEPT] = read(lanes, at.C, i, count), b[of.PAIR]
+        b[slots.SLOPE], b[slots.INTERCEPT] = read(lanes, layout.C, i, count), b[slots.PAIR]
     else:
         for k in range(parameters_of(interface)):
-            b[of.PARAMETERS + k] = read(lanes, int(model[at.INTERFACE]) + k, i, count)
+            b[slots.PARAMETERS + k] = read(lanes, int(model[layout.INTERFACE]) + k, i, count)
     if model[series.HAS_FRICTION] > 0.0:
-        vr, chi = read(lanes, at.VR, i, count), read(lanes, at.CHI, i, count)
-        kinetic = read(lanes, at.KINETIC_FORCE, i, count)
-        b[of.VR], b[of.CREEP], b[of.CHI] = vr, b[of.SLOPE], chi
-        b[of.SLIPPING] = slip_intercept(kinetic, chi, vr)
-        slip = b[of.STATE + 3] - b[of.STATE + 2]
+        vr, chi = read(lanes, layout.VR, i, count), read(lanes, layout.CHI, i, count)
+        kinetic = read(lanes, layout.KINETIC_FORCE, i, count)
+        b[slots.VR], b[slots.CREEP], b[slots.CHI] = vr, b[slots.SLOPE], chi
+        b[slots.SLIPPING] = slip_intercept(kinetic, chi, vr)
+        slip = b[slots.STATE + 3] - b[slots.STATE + 2]
         zero, one = everywhere(0.0), everywhere(1.0)
         _enter(b, where(slip > vr, one, where(slip < -vr, -one, zero)))
-    load_sources(model, lanes, i, count, b, of.SOURCES)
-    b[of.OUTCOME] = everywhere(of.GOES_ON)
-    for row in (of.ELAPSED, of.COUNT, of.TARGET, of.NEXT, of.SHIFT, of.ARRIVES):
+    load_sources(model, lanes, i, count, b, slots.SOURCES)
+    b[slots.OUTCOME] = everywhere(slots.GOES_ON)
+    for row in (slots.ELAPSED, slots.COUNT, slots.TARGET, slots.NEXT, slots.SHIFT, slots.ARRIVES):
         b[row] = everywhere(0.0)
-    set_length(b, everywhere(model[at.SAMPLE_INTERVAL] / model[of.STEPS]))
-    write_kicks(interface, b, of.KICKS, first_kicks(interface, model, b))
+    set_length(b, everywhere(model[layout.SAMPLE_INTERVAL] / model[slots.STEPS]))
+    write_kicks(interface, b, slots.KICKS, first_kicks(interface, model, b))
 
 
 @borrowing_kernel
 def _store(interface, model, lanes, i, count, b):
     """Write the states of those lanes of a vector that are done."""
-    done = b[of.OUTCOME] == of.DONE
+    done = b[slots.OUTCOME] == slots.DONE
     states, first = states_of(interface), 0
     if count == LANES and all_hold(done):
         write_states(lanes, i, b[0], b[1], b[2], b[3])
-        first = of.OWN
+        first = slots.OWN
     for k in range(first, states):
         row = state_row(model, k, states)
         write(lanes, row, i, count, where(done, b[k], read(lanes, row, i, count)))
@@ -214,23 +214,27 @@ def _store(interface, model, lanes, i, count, b):
 @inlined_kernel
 def write_coefficients(b, p):
     """Write `law.motion.Coefficients`, numbers of any kind."""
-    b[of.ONE_BY_M1], b[of.ONE_BY_M2], b[of.LINEAR] = p.by_m1, p.by_m2, p.linear
-    b[of.CUBIC], b[of.D], b[of.K2] = p.cubic, p.d, p.k2
-    b[of.TWICE_K0], b[of.BY_L0], b[of.STRETCH] = p.twice_k0, p.by_l0, p.stretch
+    b[slots.ONE_BY_M1], b[slots.ONE_BY_M2], b[slots.LINEAR] = p.by_m1, p.by_m2, p.linear
+    b[slots.CUBIC], b[slots.D], b[slots.K2] = p.cubic, p.d, p.k2
+    b[slots.TWICE_K0], b[slots.BY_L0], b[slots.STRETCH] = p.twice_k0, p.by_l0, p.stretch
 
 
 @inlined_kernel
 def set_length(b, h):
     """Write the length of the next step [s]."""
-    b[of.LENGTH], b[of.BY_M1], b[of.BY_M2] = h, h * b[of.ONE_BY_M1], h * b[of.ONE_BY_M2]
+    b[slots.LENGTH], b[slots.BY_M1], b[slots.BY_M2] = (
+        h,
+        h * b[slots.ONE_BY_M1],
+        h * b[slots.ONE_BY_M2],
+    )
 
 
 @inlined_kernel
 def _enter(b, regime):
     """Write a regime, and the line that friction follows in it."""
-    b[of.REGIME] = regime
-    b[of.SLOPE] = where(regime == 0.0, b[of.CREEP], b[of.CHI])
-    b[of.INTERCEPT] = fma(regime, b[of.SLIPPING], b[of.PAIR])
+    b[slots.REGIME] = regime
+    b[slots.SLOPE] = where(regime == 0.0, b[slots.CREEP], b[slots.CHI])
+    b[slots.INTERCEPT] = fma(regime, b[slots.SLIPPING], b[slots.PAIR])
 
 
 @borrowing_kernel
@@ -239,12 +243,12 @@ def _move(interface, model, b, k, w, slot):
     one, other = _vector_of(b, k), _vector_of(w, slot)
     k, slot = k % LANES, slot % LANES
     _copy_lane(one, k, other, slot)
-    for row in range(of.SOURCES, of.SOURCES + rows_of_sources(model)):
+    for row in range(slots.SOURCES, slots.SOURCES + rows_of_sources(model)):
         other[row, slot] = one[row, k]
     for row in range(own_states_of(interface)):
-        other[of.OWN_KICKS + row, slot] = one[of.OWN_KICKS + row, k]
+        other[slots.OWN_KICKS + row, slot] = one[slots.OWN_KICKS + row, k]
     for row in range(parameters_of(interface)):
-        other[of.PARAMETERS + row, slot] = one[of.PARAMETERS + row, k]
+        other[slots.PARAMETERS + row, slot] = one[slots.PARAMETERS + row, k]
 
 
 @borrowing_kernel
@@ -252,20 +256,20 @@ def _empty(interface, model, lanes, w, idle, status):
     """Let all lanes that wait make a step; return the idle slots and the status."""
     _walk(interface, model, w, _GROUP)
     busy = _ALL - idle
-    done = busy - (busy & _those(w, _GROUP, of.GOES_ON))
+    done = busy - (busy & _those(w, _GROUP, slots.GOES_ON))
     idle |= done
     while done != 0:
         slot = lowest(done)
         done &= done - 1
         own, k = _vector_of(w, slot), slot % LANES
-        lane = int(own[of.LANE, k])
-        if own[of.OUTCOME, k] == of.DONE:
+        lane = int(own[slots.LANE, k])
+        if own[slots.OUTCOME, k] == slots.DONE:
             for row in range(states_of(interface)):
                 lanes[state_row(model, row, states_of(interface)), lane] = own[row, k]
         elif is_line(interface):
             status = max(status, taylor.propagate(model, lanes, lane, lane + 1))
         else:
-            status = max(status, at.TOO_MANY_STEPS)
+            status = max(status, layout.TOO_MANY_STEPS)
     return idle, status
 
 
@@ -285,15 +289,15 @@ def _walk(interface, model, group, count):
 def _coefficients(b):
     """Return what the law of motion reads, with the masses for accelerations times h."""
     return Coefficients(
-        b[of.BY_M1],
-        b[of.BY_M2],
-        b[of.LINEAR],
-        b[of.CUBIC],
-        b[of.D],
-        b[of.K2],
-        b[of.TWICE_K0],
-        b[of.BY_L0],
-        b[of.STRETCH],
+        b[slots.BY_M1],
+        b[slots.BY_M2],
+        b[slots.LINEAR],
+        b[slots.CUBIC],
+        b[slots.D],
+        b[slots.K2],
+        b[slots.TWICE_K0],
+        b[slots.BY_L0],
+        b[slots.STRETCH],
     )
 
 
@@ -303,24 +307,24 @@ def _kicks(interface, model, b, time, x1, x2, v1, v2, own):
 
     So they are added to velocities as they are; and the same of the interface's own states.
     """
-    push, shake = b[of.FORCE], alike(time, 0.0)
+    push, shake = b[slots.FORCE], alike(time, 0.0)
     if is_excited(model):
-        force, shake = excitation(model, b, of.SOURCES, time)
-        push, shake = push + force, shake * b[of.LENGTH]
+        force, shake = excitation(model, b, slots.SOURCES, time)
+        push, shake = push + force, shake * b[slots.LENGTH]
     is_finite, p, offset, slip = model[series.IS_FINITE] > 0.0, _parameters(b), x2 - x1, v2 - v1
     link = force_of(interface, p, offset, slip, own)
     if not is_line(interface):  # whose intercept has it
-        link = link + b[of.PAIR]
+        link = link + b[slots.PAIR]
     a1, a2 = rates(_coefficients(b), is_finite, x1, offset, v1, link, push, shake)
     first, second = rates_of(interface, p, offset, slip, own)
-    return a1, a2, b[of.LENGTH] * first, b[of.LENGTH] * second
+    return a1, a2, b[slots.LENGTH] * first, b[slots.LENGTH] * second
 
 
 @inlined_kernel
 def write_kicks(interface, b, row, kicks):
     """Write what `_kicks` returns, for a stage by the row of its first."""
     b[row], b[row + 1] = kicks[0], kicks[1]
-    own = row + of.OWN_KICKS - of.KICKS
+    own = row + slots.OWN_KICKS - slots.KICKS
     if own_states_of(interface) > 0:
         b[own] = kicks[2]
     if own_states_of(interface) > 1:
@@ -330,14 +334,14 @@ def write_kicks(interface, b, row, kicks):
 @inlined_kernel
 def _parameters(b):
     """Return the rows of the interface's parameters."""
-    return from_row(b, of.PARAMETERS)
+    return from_row(b, slots.PARAMETERS)
 
 
 @inlined_kernel
 def first_kicks(interface, model, b):
     """Return them where the step begins."""
-    own = own_at(interface, b, of.OWN)
-    return _kicks(interface, model, b, b[of.ELAPSED], b[0], b[1], b[2], b[3], own)
+    own = own_at(interface, b, slots.OWN)
+    return _kicks(interface, model, b, b[slots.ELAPSED], b[0], b[1], b[2], b[3], own)
 
 
 @borrowing_kernel
@@ -345,7 +349,7 @@ def _pass_stages(interface, model, group, count):
     """Work out the stages behind the first."""
     prefer_widest_vectors()
     stay_apart()
-    for i in range(int(model[of.STAGES])):
+    for i in range(int(model[slots.STAGES])):
         for k in range(0, count, LANES):
             pass_stage(interface, model, _vector_of(group, k), i)
 
@@ -353,25 +357,25 @@ def _pass_stages(interface, model, group, count):
 @inlined_kernel
 def pass_stage(interface, model, b, i):
     """Work out a stage, and take it for the step's end."""
-    h, number = b[of.LENGTH], int(model[of.SUM]) + i
+    h, number = b[slots.LENGTH], int(model[slots.SUM]) + i
     w1, w2, r1, r2 = summed(b, number, b[2], b[3])
     y1, y2 = fma(h, r1, b[0]), fma(h, r2, b[1])
-    time, kick = fma(model[of.TIMES + i], h, b[of.ELAPSED]), of.KICKS + 2 * (i + 1)
-    own = own_at(interface, b, of.OWN)
+    time, kick = fma(model[slots.TIMES + i], h, b[slots.ELAPSED]), slots.KICKS + 2 * (i + 1)
+    own = own_at(interface, b, slots.OWN)
     if own_states_of(interface) > 0:
         own = summed_own(interface, b, number, own)
-        b[of.END + of.OWN] = own[0]
+        b[slots.END + slots.OWN] = own[0]
     if own_states_of(interface) > 1:
-        b[of.END + of.OWN + 1] = own[1]
-    if i + 1 == int(model[of.STAGES]):
-        b[of.END], b[of.END + 1], b[of.END + 2], b[of.END + 3] = y1, y2, w1, w2
+        b[slots.END + slots.OWN + 1] = own[1]
+    if i + 1 == int(model[slots.STAGES]):
+        b[slots.END], b[slots.END + 1], b[slots.END + 2], b[slots.END + 3] = y1, y2, w1, w2
     write_kicks(interface, b, kick, _kicks(interface, model, b, time, y1, y2, w1, w2, own))
 
 
 @inlined_kernel
 def summed_own(interface, b, number, own):
     """Return the interface's own states of a stage, or the same of an estimate's errors."""
-    first, second, _, _ = summed(from_row(b, of.OWN_KICKS - of.KICKS), number, own[0], own[1])
+    first, second, _, _ = summed(from_row(b, slots.OWN_KICKS - slots.KICKS), number, own[0], own[1])
     return first, (second if own_states_of(interface) > 1 else own[1])
 
 
@@ -380,62 +384,66 @@ def _assess(interface, model, b):
     """Tell whether a step's error is small, and by what factor the next may be longer."""
     prefer_widest_vectors()
     stay_apart()
-    x1, x2, v1, v2, h = b[0], b[1], b[2], b[3], b[of.LENGTH]
-    y1, y2, w1, w2 = b[of.END], b[of.END + 1], b[of.END + 2], b[of.END + 3]
+    x1, x2, v1, v2, h = b[0], b[1], b[2], b[3], b[slots.LENGTH]
+    y1, y2, w1, w2 = b[slots.END], b[slots.END + 1], b[slots.END + 2], b[slots.END + 3]
     far = larger(larger(abs(x1), abs(x2)), larger(abs(y1), abs(y2)))
     fast = larger(larger(abs(v1), abs(v2)), larger(abs(w1), abs(w2)))
-    stages = int(model[of.STAGES])
-    estimates = int(model[of.SUM]) + stages
+    stages = int(model[slots.STAGES])
+    estimates = int(model[slots.SUM]) + stages
     q1, q2, r1, r2 = summed(b, estimates, v1, v2)
     o1, o2, s1, s2 = summed(b, estimates + 1, v1, v2)
     change, shift = larger(abs(q1), abs(q2)), larger(abs(r1), abs(r2)) * h
     other = larger(abs(o1), abs(o2))
     # Hairer, Norsett and Wanner (1993), II.10: for forces that bend as springs do.
-    if model[of.IS_COMBINED] > 0.0 and is_line(interface):
+    if model[slots.IS_COMBINED] > 0.0 and is_line(interface):
         change = _combined(change, other)
         shift = _combined(shift, larger(abs(s1), abs(s2)) * h)
     least = LEAST if is_line(interface) else LEAST_ALONE
-    limit = model[of.LIMIT] * larger(h * (1.0 / model[at.SAMPLE_INTERVAL]), alike(h, least))
+    limit = model[slots.LIMIT] * larger(h * (1.0 / model[layout.SAMPLE_INTERVAL]), alike(h, least))
     if not is_line(interface):  # else what rounding leaves of balanced forces is left to the series
         limit = larger(limit, alike(h, ROUND_OFF))
-        forces = fma(abs(b[of.LINEAR]), far, abs(b[of.FORCE]) + abs(b[of.PAIR]))
-        fast = fma(ROUND_OFF * forces, b[of.BY_M1] / limit, fast)
+        forces = fma(abs(b[slots.LINEAR]), far, abs(b[slots.FORCE]) + abs(b[slots.PAIR]))
+        fast = fma(ROUND_OFF * forces, b[slots.BY_M1] / limit, fast)
     good = (shift <= limit * far) & (change <= limit * fast)
     # One estimate can vanish by chance where steps are too long, two hardly. At a turning point the
     # speed is that of the oscillation.
-    last = of.KICKS + 2 * stages
-    a1, a2, e1, e2 = b[of.KICKS], b[of.KICKS + 1], b[last], b[last + 1]
+    last = slots.KICKS + 2 * stages
+    a1, a2, e1, e2 = b[slots.KICKS], b[slots.KICKS + 1], b[last], b[last + 1]
     steep = larger(larger(abs(a1), abs(a2)), larger(abs(e1), abs(e2)))
-    coarse = model[of.COARSE] * fma(fast * fast, h, steep * far)
+    coarse = model[slots.COARSE] * fma(fast * fast, h, steep * far)
     good = good & (other * other * h <= coarse)
     if model[series.IS_FINITE] > 0.0:
-        good = good & is_resolved(b[of.BY_L0], b[of.STRETCH], x2 - x1, y2 - y1)
+        good = good & is_resolved(b[slots.BY_L0], b[slots.STRETCH], x2 - x1, y2 - y1)
     good = good & (far + fast < np.inf)
-    slips = b[of.STATE + 3] - b[of.STATE + 2], b[of.END + 3] - b[of.END + 2]
-    way = LONGEST_WAY_OF_BOTH if model[of.IS_COMBINED] > 0.0 else LONGEST_WAY
+    slips = b[slots.STATE + 3] - b[slots.STATE + 2], b[slots.END + 3] - b[slots.END + 2]
+    way = LONGEST_WAY_OF_BOTH if model[slots.IS_COMBINED] > 0.0 else LONGEST_WAY
     good = good & resolves(interface, _parameters(b), slips[0], slips[1], way)
     zero = everywhere(0.0)
     slid = summed_own(interface, b, estimates, (zero, zero))
     rounded = rates_of(interface, _parameters(b), far, fast, (zero, zero))
     for k in range(own_states_of(interface)):
-        moved = larger(abs(b[of.OWN_KICKS + k]), abs(b[last + of.OWN_KICKS - of.KICKS + k]))
-        moved = moved * (model[at.SAMPLE_INTERVAL] / h)
+        moved = larger(
+            abs(b[slots.OWN_KICKS + k]), abs(b[last + slots.OWN_KICKS - slots.KICKS + k])
+        )
+        moved = moved * (model[layout.SAMPLE_INTERVAL] / h)
         # Where both masses move almost alike, little is left of the digits of the slip velocity.
         moved = fma(abs(rounded[k]), h * ROUND_OFF / limit, moved)
-        own = larger(larger(abs(b[of.OWN + k]), abs(b[of.END + of.OWN + k])), moved)
+        own = larger(larger(abs(b[slots.OWN + k]), abs(b[slots.END + slots.OWN + k])), moved)
         good = good & (abs(slid[k]) <= limit * own)
         change = larger(change, abs(slid[k]) * (fast / (own + TINY)))
-    b[of.GOOD] = where(good, alike(h, 1.0), alike(h, 0.0))
-    b[of.FACTOR] = alike(h, LONGER)  # a number, where nothing reads it: a denormal one costs time
-    if all_hold(good) and all_hold(h >= model[at.SAMPLE_INTERVAL] - b[of.ELAPSED]):
+    b[slots.GOOD] = where(good, alike(h, 1.0), alike(h, 0.0))
+    b[slots.FACTOR] = alike(
+        h, LONGER
+    )  # a number, where nothing reads it: a denormal one costs time
+    if all_hold(good) and all_hold(h >= model[layout.SAMPLE_INTERVAL] - b[slots.ELAPSED]):
         return
     error = larger(shift / fma(limit, far, TINY), change / fma(limit, fast, TINY))
-    factor = inverse_root(error, int(model[of.ROOTS]))
+    factor = inverse_root(error, int(model[slots.ROOTS]))
     # The second estimate falls with the fourth power at least.
     factor = SAFETY * smaller(factor, inverse_root(other * other * h / (coarse + TINY), 3))
     low, high = alike(h, SHORTER), alike(h, LONGER)
     longer, shorter = smaller(high, factor), larger(low, factor)
-    b[of.FACTOR] = where(good, longer, where(factor < SAFETY, shorter, alike(h, 0.5)))
+    b[slots.FACTOR] = where(good, longer, where(factor < SAFETY, shorter, alike(h, 0.5)))
 
 
 @inlined_kernel
@@ -447,11 +455,11 @@ def _combined(fifth, third):
 @inlined_kernel
 def _cubic(model, b, k):
     """Return the velocity of mass k over a step as the cubic of Hermite, in Bernstein's form."""
-    last, third = of.KICKS + 2 * int(model[of.STAGES]), 1.0 / 3.0
-    before, after = b[of.STATE + 2 + k], b[of.END + 2 + k]
+    last, third = slots.KICKS + 2 * int(model[slots.STAGES]), 1.0 / 3.0
+    before, after = b[slots.STATE + 2 + k], b[slots.END + 2 + k]
     return (
         before,
-        fma(b[of.KICKS + k], third, before),
+        fma(b[slots.KICKS + k], third, before),
         fma(b[last + k], -third, after),
         after,
     )
@@ -480,11 +488,11 @@ def _judge(model, b):
     it, and what changes their sign once has one root.
     """
     stay_apart()
-    h, vr, regime = b[of.LENGTH], b[of.VR], b[of.REGIME]
+    h, vr, regime = b[slots.LENGTH], b[slots.VR], b[slots.REGIME]
     (p0, p1, p2, p3), (q0, q1, q2, q3) = _cubic(model, b, 0), _cubic(model, b, 1)
     c0, c1, c2, c3 = q0 - p0, q1 - p1, q2 - p2, q3 - p3
     zero, one = alike(h, 0.0), alike(h, 1.0)
-    margin = smaller(model[of.BEND] * (h * h), one) * _bend(c0, c1, c2, c3)
+    margin = smaller(model[slots.BEND] * (h * h), one) * _bend(c0, c1, c2, c3)
     sticks = regime == 0.0
     side = where(sticks, where(c3 > 0.0, one, -one), regime)
     inwards, edge = where(sticks, -side, side), where(sticks, vr, -vr)
@@ -494,11 +502,11 @@ def _judge(model, b):
     other = vr + smaller(side * c1, smaller(side * c2, side * c3))
     clear = where(sticks, other, one) > where(sticks, margin, zero)
     stays = (smaller(g1, smaller(g2, g3)) > margin) & clear
-    b[of.VERDICT] = where(stays, of.STAYS, alike(h, of.MAY_LEAVE))
+    b[slots.VERDICT] = where(stays, slots.STAYS, alike(h, slots.MAY_LEAVE))
     if all_hold(stays):
         return
     leaves = (g3 < -margin) & (larger(g1, -g2) >= 0.0) & clear
-    b[of.VERDICT] = where(leaves, of.LEAVES, b[of.VERDICT])
+    b[slots.VERDICT] = where(leaves, slots.LEAVES, b[slots.VERDICT])
     d1, d2, d3 = 3.0 * (g1 - g0), 3.0 * fma(-2.0, g1, g0 + g2), fma(3.0, g1 - g2, g3 - g0)
     # From the root of the parabola with the same ends and first slope, in the form without loss.
     rise, square = d1 > 0.0, g3 - g0 - d1
@@ -509,7 +517,7 @@ def _judge(model, b):
         slope = fma(fma(3.0 * d3, t, 2.0 * d2), t, d1)
         following = t - value / slope
         t = where((following > 0.0) & (following < 1.0), following, t)
-    b[of.SIDE], b[of.TIME] = side, where(leaves, t, 0.5) * h
+    b[slots.SIDE], b[slots.TIME] = side, where(leaves, t, 0.5) * h
 
 
 @borrowing_kernel
@@ -518,32 +526,32 @@ def _follow(model, b):
 
     What a step to the boundary misses it by, its last accelerations correct.
     """
-    target, h, zero = b[of.TARGET] + 0.0, b[of.LENGTH], everywhere(0.0)
+    target, h, zero = b[slots.TARGET] + 0.0, b[slots.LENGTH], everywhere(0.0)
     _judge(model, b)
-    stays = b[of.VERDICT] == of.STAYS
-    b[of.SHIFT], b[of.NEXT], b[of.ARRIVES] = zero, zero, zero
+    stays = b[slots.VERDICT] == slots.STAYS
+    b[slots.SHIFT], b[slots.NEXT], b[slots.ARRIVES] = zero, zero, zero
     if all_hold(stays) and none(target * target > 0.0):
         return
-    last = of.KICKS + 2 * int(model[of.STAGES])
+    last = slots.KICKS + 2 * int(model[slots.STAGES])
     a1, a2 = b[last] / h, b[last + 1] / h
-    x1, x2, v1, v2 = b[of.END], b[of.END + 1], b[of.END + 2], b[of.END + 3]
-    to_boundary = target * target * b[of.GOOD]
-    within = b[of.GOOD] - to_boundary
+    x1, x2, v1, v2 = b[slots.END], b[slots.END + 1], b[slots.END + 2], b[slots.END + 3]
+    to_boundary = target * target * b[slots.GOOD]
+    within = b[slots.GOOD] - to_boundary
     # Outwards from stick, inwards from slip; else the boundary is passed for the second time.
-    towards = where(b[of.REGIME] == 0.0, target, -target) * (a2 - a1) > 0.0
-    missed = fma(target, b[of.VR], v1 - v2) / (a2 - a1)
-    arrives = where(towards & (abs(missed) <= model[of.NEAR]), to_boundary, zero)
+    towards = where(b[slots.REGIME] == 0.0, target, -target) * (a2 - a1) > 0.0
+    missed = fma(target, b[slots.VR], v1 - v2) / (a2 - a1)
+    arrives = where(towards & (abs(missed) <= model[slots.NEAR]), to_boundary, zero)
     shift = where(arrives > 0.0, missed, zero)
-    b[of.END], b[of.END + 1] = _shifted(shift, x1, v1, a1), _shifted(shift, x2, v2, a2)
-    b[of.END + 2], b[of.END + 3] = fma(shift, a1, v1), fma(shift, a2, v2)
-    _enter(b, where(arrives > 0.0, target - b[of.REGIME], b[of.REGIME]))
+    b[slots.END], b[slots.END + 1] = _shifted(shift, x1, v1, a1), _shifted(shift, x2, v2, a2)
+    b[slots.END + 2], b[slots.END + 3] = fma(shift, a1, v1), fma(shift, a2, v2)
+    _enter(b, where(arrives > 0.0, target - b[slots.REGIME], b[slots.REGIME]))
     again = where(towards, h + missed, 0.5 * h)
-    following = where(to_boundary > arrives, again, b[of.TIME])
-    b[of.NEXT] = where(b[of.GOOD] > 0.0, following, zero)
-    leaves = (b[of.VERDICT] == of.LEAVES) & (within > 0.0)
-    b[of.TARGET] = where(to_boundary > arrives, target, where(leaves, b[of.SIDE], zero))
-    b[of.GOOD] = where(stays, within, zero) + arrives
-    b[of.SHIFT], b[of.ARRIVES] = shift, arrives
+    following = where(to_boundary > arrives, again, b[slots.TIME])
+    b[slots.NEXT] = where(b[slots.GOOD] > 0.0, following, zero)
+    leaves = (b[slots.VERDICT] == slots.LEAVES) & (within > 0.0)
+    b[slots.TARGET] = where(to_boundary > arrives, target, where(leaves, b[slots.SIDE], zero))
+    b[slots.GOOD] = where(stays, within, zero) + arrives
+    b[slots.SHIFT], b[slots.ARRIVES] = shift, arrives
     if not none(leaves):
         _cut(model, b, leaves)
 
@@ -554,28 +562,37 @@ def _cut(model, b, leaves):
 
     How exact it is follows from its bend, and from where it leads at the end of the step.
     """
-    h, time, side = b[of.LENGTH], b[of.TIME], b[of.SIDE]
+    h, time, side = b[slots.LENGTH], b[slots.TIME], b[slots.SIDE]
     first, second = _cubic(model, b, 0), _cubic(model, b, 1)
-    x1, x2, one, zero = b[of.STATE], b[of.STATE + 1], alike(h, 1.0), alike(h, 0.0)
+    x1, x2, one, zero = b[slots.STATE], b[slots.STATE + 1], alike(h, 1.0), alike(h, 0.0)
     _, way1 = _between(first, one)
     _, way2 = _between(second, one)
-    astray = larger(abs(fma(h, way1, x1) - b[of.END]), abs(fma(h, way2, x2) - b[of.END + 1]))
+    astray = larger(abs(fma(h, way1, x1) - b[slots.END]), abs(fma(h, way2, x2) - b[slots.END + 1]))
     bend = larger(_bend(*first), _bend(*second))
-    remainder = larger(model[of.BEND] * (h * h) * REMAINDER * bend, ASTRAY * astray / h)
+    remainder = larger(model[slots.BEND] * (h * h) * REMAINDER * bend, ASTRAY * astray / h)
     v1, way1 = _between(first, time / h)
     v2, way2 = _between(second, time / h)
-    missed = abs(fma(side, b[of.VR], v1 - v2))
+    missed = abs(fma(side, b[slots.VR], v1 - v2))
     far = larger(abs(x1), abs(x2))
     fast = larger(larger(abs(first[0]), abs(first[3])), larger(abs(second[0]), abs(second[3])))
-    limit = model[of.LIMIT] * (h * (1.0 / model[at.SAMPLE_INTERVAL]))
+    limit = model[slots.LIMIT] * (h * (1.0 / model[layout.SAMPLE_INTERVAL]))
     exact = leaves & (remainder + missed <= limit * fast) & (h * remainder <= limit * far)
-    b[of.END] = where(exact, fma(h, way1, x1), b[of.END])
-    b[of.END + 1] = where(exact, fma(h, way2, x2), b[of.END + 1])
-    b[of.END + 2], b[of.END + 3] = where(exact, v1, b[of.END + 2]), where(exact, v2, b[of.END + 3])
-    _enter(b, where(exact, side - b[of.REGIME], b[of.REGIME]))
-    b[of.GOOD], b[of.ARRIVES] = where(exact, one, b[of.GOOD]), where(exact, one, b[of.ARRIVES])
-    b[of.SHIFT] = where(exact, time - h, b[of.SHIFT])
-    b[of.NEXT], b[of.TARGET] = where(exact, zero, b[of.NEXT]), where(exact, zero, b[of.TARGET])
+    b[slots.END] = where(exact, fma(h, way1, x1), b[slots.END])
+    b[slots.END + 1] = where(exact, fma(h, way2, x2), b[slots.END + 1])
+    b[slots.END + 2], b[slots.END + 3] = (
+        where(exact, v1, b[slots.END + 2]),
+        where(exact, v2, b[slots.END + 3]),
+    )
+    _enter(b, where(exact, side - b[slots.REGIME], b[slots.REGIME]))
+    b[slots.GOOD], b[slots.ARRIVES] = (
+        where(exact, one, b[slots.GOOD]),
+        where(exact, one, b[slots.ARRIVES]),
+    )
+    b[slots.SHIFT] = where(exact, time - h, b[slots.SHIFT])
+    b[slots.NEXT], b[slots.TARGET] = (
+        where(exact, zero, b[slots.NEXT]),
+        where(exact, zero, b[slots.TARGET]),
+    )
 
 
 @inlined_kernel
@@ -588,33 +605,33 @@ def _shifted(time, x, v, a):
 def _conclude(interface, model, b):
     """Make the accepted steps, and choose the lengths of the next ones."""
     # A copy: as plain Python rows are lent, and the length is written below.
-    h, shift, interval = b[of.LENGTH] + 0.0, b[of.SHIFT], model[at.SAMPLE_INTERVAL]
-    good = (b[of.OUTCOME] == of.GOES_ON) & (b[of.GOOD] > 0.0)
-    is_last = good & (h >= interval - b[of.ELAPSED]) & (shift == 0.0)
+    h, shift, interval = b[slots.LENGTH] + 0.0, b[slots.SHIFT], model[layout.SAMPLE_INTERVAL]
+    good = (b[slots.OUTCOME] == slots.GOES_ON) & (b[slots.GOOD] > 0.0)
+    is_last = good & (h >= interval - b[slots.ELAPSED]) & (shift == 0.0)
     for row in range(states_of(interface)):
-        b[row] = where(good, b[of.END + row], b[row])
-    b[of.OUTCOME] = where(is_last, of.DONE, b[of.OUTCOME])
-    if none(b[of.OUTCOME] == of.GOES_ON):
+        b[row] = where(good, b[slots.END + row], b[row])
+    b[slots.OUTCOME] = where(is_last, slots.DONE, b[slots.OUTCOME])
+    if none(b[slots.OUTCOME] == slots.GOES_ON):
         return
-    b[of.ELAPSED] = where(good, b[of.ELAPSED] + h + shift, b[of.ELAPSED])
-    rest, enters = interval - b[of.ELAPSED], b[of.ARRIVES] > 0.0
+    b[slots.ELAPSED] = where(good, b[slots.ELAPSED] + h + shift, b[slots.ELAPSED])
+    rest, enters = interval - b[slots.ELAPSED], b[slots.ARRIVES] > 0.0
     # A step to an event was short for another reason than its error.
-    longer = where(enters, interval / model[of.STEPS], h * b[of.FACTOR])
+    longer = where(enters, interval / model[slots.STEPS], h * b[slots.FACTOR])
     longer = where(longer + longer < rest, longer, where(longer < rest, 0.5 * rest, rest))
-    shorter = where(b[of.NEXT] > 0.0, b[of.NEXT], h * b[of.FACTOR])
+    shorter = where(b[slots.NEXT] > 0.0, b[slots.NEXT], h * b[slots.FACTOR])
     length = smaller(where(good, longer, shorter), rest)
-    set_length(b, where(b[of.OUTCOME] == of.GOES_ON, length, h))
-    last, scale = of.KICKS + 2 * int(model[of.STAGES]), b[of.LENGTH] / h
+    set_length(b, where(b[slots.OUTCOME] == slots.GOES_ON, length, h))
+    last, scale = slots.KICKS + 2 * int(model[slots.STAGES]), b[slots.LENGTH] / h
     for row in range(2):
-        b[of.KICKS + row] = where(good, b[last + row], b[of.KICKS + row]) * scale
-    for row in range(of.OWN_KICKS, of.OWN_KICKS + own_states_of(interface)):
-        b[row] = where(good, b[last + row - of.KICKS], b[row]) * scale
+        b[slots.KICKS + row] = where(good, b[last + row], b[slots.KICKS + row]) * scale
+    for row in range(slots.OWN_KICKS, slots.OWN_KICKS + own_states_of(interface)):
+        b[row] = where(good, b[last + row - slots.KICKS], b[row]) * scale
     if not none(enters):
         a1, a2, _, _ = first_kicks(interface, model, b)
-        b[of.KICKS] = where(enters, a1, b[of.KICKS])
-        b[of.KICKS + 1] = where(enters, a2, b[of.KICKS + 1])
-    b[of.COUNT] = b[of.COUNT] + 1.0
+        b[slots.KICKS] = where(enters, a1, b[slots.KICKS])
+        b[slots.KICKS + 1] = where(enters, a2, b[slots.KICKS + 1])
+    b[slots.COUNT] = b[slots.COUNT] + 1.0
     most = MOST_STEPS if is_line(interface) else MOST_STEPS_ALONE
-    lasts = (b[of.COUNT] < most) & (b[of.LENGTH] > 0.0)
-    outcome = where(lasts, of.GOES_ON, everywhere(of.GIVEN_UP))
-    b[of.OUTCOME] = where(b[of.OUTCOME] == of.GOES_ON, outcome, b[of.OUTCOME])
+    lasts = (b[slots.COUNT] < most) & (b[slots.LENGTH] > 0.0)
+    outcome = where(lasts, slots.GOES_ON, everywhere(slots.GIVEN_UP))
+    b[slots.OUTCOME] = where(b[slots.OUTCOME] == slots.GOES_ON, outcome, b[slots.OUTCOME])

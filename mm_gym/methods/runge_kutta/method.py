@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.excitation import sources
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.base import Method, Option, Settings
 from mm_gym.methods.runge_kutta import kernel
-from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta import layout as slots
 from mm_gym.methods.runge_kutta.kernel import LONGEST_WAY, LONGEST_WAY_OF_BOTH
 from mm_gym.methods.runge_kutta.tableau_kernel import Tableau, first_sum, tableaus
 from mm_gym.methods.support import (
@@ -123,7 +123,7 @@ class RungeKutta(Method):
             return f"solver.tolerance is below {TIGHT:g}, where a series costs no more"
         if settings.tolerance > TIGHT:
             return None
-        if support.kind == SMOOTH_NONLINEAR and not support.high[at.L0] > 0.0:
+        if support.kind == SMOOTH_NONLINEAR and not support.high[layout.L0] > 0.0:
             return f"solver.tolerance is {TIGHT:g}, where the series costs no more in one motion"
         if support.kind == PARAMETRIC_SWITCHED_LINEAR:
             return f"solver.tolerance is {TIGHT:g}, where a series has an error of round-off only"
@@ -137,9 +137,9 @@ class RungeKutta(Method):
 
     def limit(self, support: Support) -> str | None:
         """Return why not, where a carriage can escape or the excitation is fast or manifold."""
-        if support.low[at.M1] == 0.0:
+        if support.low[layout.M1] == 0.0:
             return "carriage.mass is 0"
-        if support.low[at.BETA] < 0.0:
+        if support.low[layout.BETA] < 0.0:
             return "carriage.cubic_coefficient is negative"
         return sources.obstacle(support.frequencies, support.terms, support.sample_interval)
 
@@ -153,19 +153,19 @@ class RungeKutta(Method):
         tableau, steps = plan
         rate, limit = _rate(support), _limit(support, settings)
         own = {
-            of.STEPS: steps,
-            of.STAGES: tableau.stages,
-            of.LIMIT: limit,
-            of.COARSE: (
+            slots.STEPS: steps,
+            slots.STAGES: tableau.stages,
+            slots.LIMIT: limit,
+            slots.COARSE: (
                 _coarser(alone=support.is_general)
                 * tableau.estimates(_longest(len(tableau.times), limit / steps, 1.0))[1]
             )
             ** 2,
-            of.IS_COMBINED: tableau.is_combined,
-            of.BEND: _BENT * rate**2,
-            of.NEAR: _NEAR * math.sqrt(limit) / rate,
-            of.ROOTS: round(math.log2(tableau.power - 1)),
-            of.SUM: first_sum(tableau),
+            slots.IS_COMBINED: tableau.is_combined,
+            slots.BEND: _BENT * rate**2,
+            slots.NEAR: _NEAR * math.sqrt(limit) / rate,
+            slots.ROOTS: round(math.log2(tableau.power - 1)),
+            slots.SUM: first_sum(tableau),
         }
         return np.concatenate([series, [own[slot] for slot in sorted(own)], tableau.times[1:]])
 
@@ -175,8 +175,8 @@ class RungeKutta(Method):
 
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the work expected."""
-        steps = int(model[of.STEPS])
-        evaluations = steps * int(model[of.STAGES]) + 1
+        steps = int(model[slots.STEPS])
+        evaluations = steps * int(model[slots.STAGES]) + 1
         return f"some {evaluations} evaluations of the forces, in {steps} step{'s' * (steps > 1)}"
 
     def bound(self, settings: Settings) -> str:
@@ -203,7 +203,7 @@ def _limit(support: Support, settings: Settings) -> float:
 
 def _rate(support: Support) -> float:
     """Return the fastest rate [1/s] at the amplitudes that episodes begin with, as it is usual."""
-    starts = support.start_low[at.X1], support.start_high[at.X1]
+    starts = support.start_low[layout.X1], support.start_high[layout.X1]
     oscillation = fastest_oscillation(support, float(np.abs(starts).max()))
     harmonics = float(support.frequencies.max(initial=0.0))
     return max(oscillation, fastest_decay(support), harmonics)

@@ -22,7 +22,7 @@ from numba.extending import intrinsic, overload
 
 from mm_gym.lanes.simd import LANES, NUMBERS, call
 from mm_gym.lanes.tangents import TANGENTS, slopes_of, tangent, value_of, vectors_of
-from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta import layout as slots
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -161,7 +161,7 @@ def summed(rows: Any, number: int, v1: Any, v2: Any) -> tuple[Any, Any, Any, Any
         Velocities at the step's start.
     """
     time, velocity, place = _all_sums()[number]
-    kicks = np.reshape(rows[of.KICKS : of.KICKS + 2 * len(velocity)], (len(velocity), 2, -1))
+    kicks = np.reshape(rows[slots.KICKS : slots.KICKS + 2 * len(velocity)], (len(velocity), 2, -1))
     first, second = np.tensordot(velocity, kicks, 1)
     way, other = np.tensordot(place, kicks, 1)
     kept = float(time > 0.0)
@@ -220,7 +220,7 @@ def _kicks(
     stride, first = spacing
     found = []
     for j in np.flatnonzero(weights):
-        row = ir.Constant(ir.IntType(64), stride * (of.KICKS + 2 * int(j) + side) + first)
+        row = ir.Constant(ir.IntType(64), stride * (slots.KICKS + 2 * int(j) + side) + first)
         place = builder.bitcast(builder.gep(rows, [row]), kind.as_pointer())
         found.append((float(weights[j]), builder.load(place, align=64)))
     return found

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.excitation.sources import excitation, is_excited, load_sources, strongest
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write_states
 from mm_gym.lanes.simd import LANES, element, everywhere
@@ -26,21 +26,21 @@ from mm_gym.lanes.simd_masks import all_hold, larger, where
 from mm_gym.lanes.simd_memory import rows_on_stack
 from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
-from mm_gym.methods.splitting import layout as of
+from mm_gym.methods.splitting import layout as slots
 from mm_gym.methods.taylor import kernel as taylor
 
-_rows = rows_on_stack(of.ROWS)
+_rows = rows_on_stack(slots.ROWS)
 
 
 @borrowing_kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    if model[at.SAMPLE_INTERVAL] != model[of.INTERVAL]:  # up to an impulse, or from one
+    if model[layout.SAMPLE_INTERVAL] != model[slots.INTERVAL]:  # up to an impulse, or from one
         return taylor.propagate(model, lanes, first, last)
-    b, columns, i, status = _rows(), int(model[of.FIRST_CHECK]), first, at.OK
+    b, columns, i, status = _rows(), int(model[slots.FIRST_CHECK]), first, layout.OK
     while i < last:
         done = 0
-        if not model[of.IS_SPRUNG] > 0.0:
+        if not model[slots.IS_SPRUNG] > 0.0:
             done = columns
             i = _advance(model, lanes, b, columns, i, last)
             if last - i < LANES:
@@ -72,7 +72,10 @@ def _advance(model, lanes, b, columns, first, last):
         return _advance_by_one(model, lanes, b, first, last)
     prefer_widest_vectors()
     stay_apart()
-    slot, furthest = of.WEIGHTS + of.WEIGHTS_SIZE * columns, model[of.FURTHEST + columns - 1]
+    slot, furthest = (
+        slots.WEIGHTS + slots.WEIGHTS_SIZE * columns,
+        model[slots.FURTHEST + columns - 1],
+    )
     for i in range(first, last - LANES + 1, LANES):
         push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, LANES)
         reached = everywhere(0.0)
@@ -95,7 +98,7 @@ def _advance_by_one(model, lanes, b, first, last):
     """Advance lanes by one column, while it does; return as `_advance`."""
     prefer_widest_vectors()
     stay_apart()
-    furthest = model[of.FURTHEST]
+    furthest = model[slots.FURTHEST]
     for i in range(first, last - LANES + 1, LANES):
         push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, LANES)
         y1, y2, w1, w2, reached = _column(model, b, 0, push, x1, x2, v1, v2)
@@ -123,18 +126,18 @@ def _finish(model, lanes, b, done, i, count):
     prefer_widest_vectors()
     stay_apart()
     push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, count)
-    first_check, sprung = int(model[of.FIRST_CHECK]), model[of.IS_SPRUNG] > 0.0
+    first_check, sprung = int(model[slots.FIRST_CHECK]), model[slots.IS_SPRUNG] > 0.0
     k2, excited, bends = everywhere(0.0), is_excited(model), (everywhere(0.0), everywhere(0.0))
     most = drag = push
     if sprung:
-        k2 = stiffness(read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count))
+        k2 = stiffness(read(lanes, layout.K0, i, count), read(lanes, layout.STRETCH, i, count))
         drag = _drag(model, lanes, b, i, count)
         most = abs(push) + abs(drag)
         if excited:
-            load_sources(model, lanes, i, count, b, of.SOURCES)
+            load_sources(model, lanes, i, count, b, slots.SOURCES)
             most, bends = _strongest(model, b, most)
     y1, y2, w1, w2, kept, reached = x1, x2, v1, v2, everywhere(0.0), everywhere(0.0)
-    for k in range(int(model[of.COLUMNS])):
+    for k in range(int(model[slots.COLUMNS])):
         if k >= done:
             if sprung:
                 held, state = (push, drag, k2), (x1, x2, v1, v2)
@@ -146,10 +149,10 @@ def _finish(model, lanes, b, done, i, count):
             reached = _column(model, b, k, push, x1, x2, v1, v2)[4]
         if k + 1 < first_check:
             continue
-        slot = of.WEIGHTS + of.WEIGHTS_SIZE * (k + 1)
+        slot = slots.WEIGHTS + slots.WEIGHTS_SIZE * (k + 1)
         s1, s2, s3, s4 = _weighed(model, slot, b, k)
         turn, size = _turn(model, reached), _largest(x1, x2, s1, s2)
-        near = reached <= model[of.FURTHEST + k]
+        near = reached <= model[slots.FURTHEST + k]
         near = near & _is_little_pushed(model, k, most, turn, size)
         speed = _largest(v1, v2, s3, s4)
         if k > 0:
@@ -157,7 +160,7 @@ def _finish(model, lanes, b, done, i, count):
         else:
             near = near & _is_short_way(model, most, size, x1, s1)
         if excited:
-            share = model[of.BENDING + k]
+            share = model[slots.BENDING + k]
             near = near & (share * bends[0] <= size) & (share * bends[1] <= speed)
         fresh = near & (kept == 0.0)
         y1, y2 = where(fresh, s1, y1), where(fresh, s2, y2)
@@ -165,13 +168,13 @@ def _finish(model, lanes, b, done, i, count):
         kept = where(fresh, 1.0, kept)
         if all_hold(kept > 0.0):
             break
-    status = at.OK
+    status = layout.OK
     for k in range(count):
         if element(kept, k) == 0.0:
             status = max(status, taylor.propagate(model, lanes, i + k, i + k + 1))
         else:
-            lanes[at.X1, i + k], lanes[at.X2, i + k] = element(y1, k), element(y2, k)
-            lanes[at.V1, i + k], lanes[at.V2, i + k] = element(w1, k), element(w2, k)
+            lanes[layout.X1, i + k], lanes[layout.X2, i + k] = element(y1, k), element(y2, k)
+            lanes[layout.V1, i + k], lanes[layout.V2, i + k] = element(w1, k), element(w2, k)
     return status
 
 
@@ -181,20 +184,23 @@ def _loaded(model, lanes, b, i, count):
 
     Constants that are drawn go to the rows from of.OWN on.
     """
-    push = read(lanes, at.FORCE, i, count)
-    if model[of.IS_DRAWN] > 0.0:
-        by_m1, by_m2 = 1.0 / read(lanes, at.M1, i, count), 1.0 / read(lanes, at.M2, i, count)
-        k1, c = -by_m1 * read(lanes, at.K1, i, count), read(lanes, at.C, i, count)
-        b[of.OWN + of.BY_M1], b[of.OWN + of.BY_M2] = by_m1, by_m2
-        b[of.OWN + of.LINEAR] = k1 * read(lanes, at.ALPHA, i, count)
-        b[of.OWN + of.CUBIC] = k1 * read(lanes, at.BETA, i, count)
-        b[of.OWN + of.DAMPED] = -by_m1 * (c + read(lanes, at.D, i, count))
-        b[of.OWN + of.DRAGGED], b[of.OWN + of.DRAGGING] = by_m1 * c, by_m2 * c
+    push = read(lanes, layout.FORCE, i, count)
+    if model[slots.IS_DRAWN] > 0.0:
+        by_m1, by_m2 = (
+            1.0 / read(lanes, layout.M1, i, count),
+            1.0 / read(lanes, layout.M2, i, count),
+        )
+        k1, c = -by_m1 * read(lanes, layout.K1, i, count), read(lanes, layout.C, i, count)
+        b[slots.OWN + slots.BY_M1], b[slots.OWN + slots.BY_M2] = by_m1, by_m2
+        b[slots.OWN + slots.LINEAR] = k1 * read(lanes, layout.ALPHA, i, count)
+        b[slots.OWN + slots.CUBIC] = k1 * read(lanes, layout.BETA, i, count)
+        b[slots.OWN + slots.DAMPED] = -by_m1 * (c + read(lanes, layout.D, i, count))
+        b[slots.OWN + slots.DRAGGED], b[slots.OWN + slots.DRAGGING] = by_m1 * c, by_m2 * c
         push = push * by_m1
     else:
-        push = push * model[of.PLANT + of.BY_M1]
-    x1, x2 = read(lanes, at.X1, i, count), read(lanes, at.X2, i, count)
-    return push, x1, x2, read(lanes, at.V1, i, count), read(lanes, at.V2, i, count)
+        push = push * model[slots.PLANT + slots.BY_M1]
+    x1, x2 = read(lanes, layout.X1, i, count), read(lanes, layout.X2, i, count)
+    return push, x1, x2, read(lanes, layout.V1, i, count), read(lanes, layout.V2, i, count)
 
 
 @inlined_kernel
@@ -203,10 +209,10 @@ def _drag(model, lanes, b, i, count):
 
     Constants that are drawn are read from the rows that `_loaded` writes.
     """
-    by_m2 = everywhere(model[of.PLANT + of.BY_M2])
-    if model[of.IS_DRAWN] > 0.0:
-        by_m2 = b[of.OWN + of.BY_M2]
-    return control_forces(model, read(lanes, at.FORCE, i, count))[0] * by_m2
+    by_m2 = everywhere(model[slots.PLANT + slots.BY_M2])
+    if model[slots.IS_DRAWN] > 0.0:
+        by_m2 = b[slots.OWN + slots.BY_M2]
+    return control_forces(model, read(lanes, layout.FORCE, i, count))[0] * by_m2
 
 
 @inlined_kernel
@@ -215,7 +221,7 @@ def _turn(model, reached):
 
     Where they are steepest: at the largest displacement on the way [m], given squared.
     """
-    return fma(model[of.STEEPER], reached, model[of.STEEPNESS])
+    return fma(model[slots.STEEPER], reached, model[slots.STEEPNESS])
 
 
 @inlined_kernel
@@ -237,8 +243,8 @@ def _is_within(model, slot, b, last, turn, size, speed):
     size, speed
         The largest position [m] and velocity [m/s] at the start and at the end.
     """
-    raised = larger(model[of.RAISE] * turn, everywhere(1.0))
-    size, speed = model[of.LIMIT] * size, model[of.LIMIT] * speed
+    raised = larger(model[slots.RAISE] * turn, everywhere(1.0))
+    size, speed = model[slots.LIMIT] * size, model[slots.LIMIT] * speed
     near = raised * _estimate(model, slot, b, last, turn, 0) <= size
     near = near & (raised * _estimate(model, slot, b, last, turn, 2) <= speed)
     near = near & (raised * _estimate(model, slot, b, last, turn, 1) <= size)
@@ -256,10 +262,10 @@ def _is_little_pushed(model, last, push, turn, size):
     size
         The largest position at the start and at the end [m].
     """
-    shift = model[of.SQUARE] * abs(push)
+    shift = model[slots.SQUARE] * abs(push)
     # Multiplied by the square of the size, and for each further column by the size once more.
-    error, allowed = model[of.PUSHED + last] * turn * shift * larger(shift, size), size * size
-    larger_one = larger(larger(turn, everywhere(model[of.FASTEST_TURN])) * size, shift)
+    error, allowed = model[slots.PUSHED + last] * turn * shift * larger(shift, size), size * size
+    larger_one = larger(larger(turn, everywhere(model[slots.FASTEST_TURN])) * size, shift)
     for _ in range(last):
         error, allowed = error * larger_one, allowed * size
     return error <= allowed
@@ -276,10 +282,10 @@ def _strongest(model, b, push):
     push
         Accelerations by the held force, added up [m/s^2].
     """
-    by_m1, h = everywhere(model[of.PLANT + of.BY_M1]), model[at.SAMPLE_INTERVAL]
-    if model[of.IS_DRAWN] > 0.0:
-        by_m1 = b[of.OWN + of.BY_M1]
-    force, ground = strongest(model, b, of.SOURCES)
+    by_m1, h = everywhere(model[slots.PLANT + slots.BY_M1]), model[layout.SAMPLE_INTERVAL]
+    if model[slots.IS_DRAWN] > 0.0:
+        by_m1 = b[slots.OWN + slots.BY_M1]
+    force, ground = strongest(model, b, slots.SOURCES)
     third, fourth = fma(by_m1, force[1], ground[1]), fma(by_m1, force[2], ground[2])
     bends = h * h * fma(4.0, third, fourth), h * fourth
     return push + fma(by_m1, force[0], ground[0]), bends
@@ -298,8 +304,8 @@ def _is_short_way(model, push, size, x1, y1):
     x1, y1
         The carriage's position at the start and at the end [m].
     """
-    way, shift = abs(y1 - x1), model[of.SQUARE] * abs(push)
-    return model[of.BENT] * way * fma(way, way, size * shift) <= size
+    way, shift = abs(y1 - x1), model[slots.SQUARE] * abs(push)
+    return model[slots.BENT] * way * fma(way, way, size * shift) <= size
 
 
 @inlined_kernel
@@ -320,41 +326,41 @@ def _estimate(model, slot, b, last, turn, row):
 
     What the first column contributes, or what it contributed one column earlier lets expect.
     """
-    before = slot - of.WEIGHTS_SIZE + of.ESTIMATE
+    before = slot - slots.WEIGHTS_SIZE + slots.ESTIMATE
     c, error, earlier = b[4 * last + row], everywhere(0.0), everywhere(0.0)
     for j in range(last):
         apart = b[4 * j + row] - c
-        error = fma(model[slot + of.ESTIMATE + j], apart, error)
+        error = fma(model[slot + slots.ESTIMATE + j], apart, error)
         earlier = fma(model[before + j], apart, earlier)
-    return larger(abs(error), model[of.LATER + last] * turn * abs(earlier))
+    return larger(abs(error), model[slots.LATER + last] * turn * abs(earlier))
 
 
 @inlined_kernel
 def _springs(numbers, first):
     """Return -k1 alpha / m1, -k1 beta / m1, 1 / m1 and 1 / m2, of all lanes or of each."""
     return (
-        (numbers[first + of.LINEAR], numbers[first + of.CUBIC]),
-        (numbers[first + of.BY_M1], numbers[first + of.BY_M2]),
+        (numbers[first + slots.LINEAR], numbers[first + slots.CUBIC]),
+        (numbers[first + slots.BY_M1], numbers[first + slots.BY_M2]),
     )
 
 
 @inlined_kernel
 def _dampers(model, slot):
     """Return how the dampers let the masses drift in half a substep of a column."""
-    return _matrix(model, slot + of.DRIFT), _matrix(model, slot + of.DECAY)
+    return _matrix(model, slot + slots.DRIFT), _matrix(model, slot + slots.DECAY)
 
 
 @inlined_kernel
 def _own_dampers(model, b, slot):
     """Return the same of each lane: the series of exp(M t) and of its integral, v' = M v."""
-    t = 0.75 * model[slot + of.MIDDLE]  # half a substep
-    m11, m12 = t * b[of.OWN + of.DAMPED], t * b[of.OWN + of.DRAGGED]
-    m21 = t * b[of.OWN + of.DRAGGING]
-    m, order = (m11, m12, m21), int(model[of.DEGREE])
-    zero, weight = everywhere(0.0), everywhere(model[of.RECIPROCALS + order])
+    t = 0.75 * model[slot + slots.MIDDLE]  # half a substep
+    m11, m12 = t * b[slots.OWN + slots.DAMPED], t * b[slots.OWN + slots.DRAGGED]
+    m21 = t * b[slots.OWN + slots.DRAGGING]
+    m, order = (m11, m12, m21), int(model[slots.DEGREE])
+    zero, weight = everywhere(0.0), everywhere(model[slots.RECIPROCALS + order])
     p = weight, zero, zero, weight
     for n in range(order - 1, -1, -1):
-        p = _times_and(m, p, model[of.RECIPROCALS + n])
+        p = _times_and(m, p, model[slots.RECIPROCALS + n])
     return (t * p[0], t * p[1], t * p[2], t * p[3]), _times_and(m, p, 1.0)
 
 
@@ -376,11 +382,11 @@ def _column(model, b, k, push, x1, x2, v1, v2):
 
     Behind it the largest displacement [m], squared.
     """
-    slot = of.COLUMN + of.COLUMN_SIZE * k
-    if model[of.IS_DRAWN] > 0.0:
-        springs, dampers = _springs(b, of.OWN)[0], _own_dampers(model, b, slot)
+    slot = slots.COLUMN + slots.COLUMN_SIZE * k
+    if model[slots.IS_DRAWN] > 0.0:
+        springs, dampers = _springs(b, slots.OWN)[0], _own_dampers(model, b, slot)
         return _substeps(model, slot, springs, dampers, push, (x1, x2, v1, v2))
-    springs, dampers = _springs(model, of.PLANT)[0], _dampers(model, slot)
+    springs, dampers = _springs(model, slots.PLANT)[0], _dampers(model, slot)
     return _substeps(model, slot, springs, dampers, push, (x1, x2, v1, v2))
 
 
@@ -388,13 +394,13 @@ def _column(model, b, k, push, x1, x2, v1, v2):
 def _substeps(model, slot, springs, dampers, push, state):
     """Return the same of given springs and dampers."""
     (linear, cubic), (drift, decay), (x1, x2, v1, v2) = springs, dampers, state
-    sixth, third = model[slot + of.SIXTH], model[slot + of.THIRD]
-    middle, gradient = model[slot + of.MIDDLE], model[slot + of.GRADIENT]
+    sixth, third = model[slot + slots.SIXTH], model[slot + slots.THIRD]
+    middle, gradient = model[slot + slots.MIDDLE], model[slot + slots.GRADIENT]
     constant, slope = middle * fma(gradient, linear, 1.0), 3.0 * middle * gradient * cubic
     square = x1 * x1
     a, furthest = fma(fma(cubic, square, linear), x1, push), square
     v1 = fma(sixth, a, v1)
-    for _ in range(int(model[slot + of.COUNT])):
+    for _ in range(int(model[slot + slots.COUNT])):
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
         square = x1 * x1
         a, furthest = fma(fma(cubic, square, linear), x1, push), larger(square, furthest)
@@ -409,14 +415,14 @@ def _substeps(model, slot, springs, dampers, push, state):
 @inlined_kernel
 def _sprung_column(model, b, k, held, state):
     """Return the same with springs or a force between the masses, or excitation."""
-    slot = of.COLUMN + of.COLUMN_SIZE * k
-    if model[of.IS_DRAWN] > 0.0:
-        plant = _springs(b, of.OWN), _own_dampers(model, b, slot)
+    slot = slots.COLUMN + slots.COLUMN_SIZE * k
+    if model[slots.IS_DRAWN] > 0.0:
+        plant = _springs(b, slots.OWN), _own_dampers(model, b, slot)
         # None is another type, so that a loop without excitation is compiled by itself.
         if is_excited(model):
             return _sprung_substeps(model, slot, plant, held, state, b)
         return _sprung_substeps(model, slot, plant, held, state, None)
-    shared = _springs(model, of.PLANT), _dampers(model, slot)
+    shared = _springs(model, slots.PLANT), _dampers(model, slot)
     if is_excited(model):
         return _sprung_substeps(model, slot, shared, held, state, b)
     return _sprung_substeps(model, slot, shared, held, state, None)
@@ -427,14 +433,14 @@ def _sprung_substeps(model, slot, plant, held, state, sources):
     """Return the same of given springs and dampers, and what is held: push, drag and k2."""
     ((linear, cubic), (by_m1, by_m2)), (drift, decay) = plant
     (push, drag, k2), (x1, x2, v1, v2) = held, state
-    sixth, third = model[slot + of.SIXTH], model[slot + of.THIRD]
-    middle, gradient = model[slot + of.MIDDLE], model[slot + of.GRADIENT]
+    sixth, third = model[slot + slots.SIXTH], model[slot + slots.THIRD]
+    middle, gradient = model[slot + slots.MIDDLE], model[slot + slots.GRADIENT]
     on1, on2, furthest = k2 * by_m1, k2 * by_m2, x1 * x1
     springs, length = (linear, cubic, on1, on2), 3.0 * third
     pushed, shake = _pushed(model, sources, by_m1, push, 0.0)
     a1, a2 = _accelerations(springs, (pushed, shake, shake + drag), x1, x2)
     v1, v2 = fma(sixth, a1, v1), fma(sixth, a2, v2)
-    for n in range(int(model[slot + of.COUNT])):
+    for n in range(int(model[slot + slots.COUNT])):
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
         pushed, shake = _pushed(model, sources, by_m1, push, (n + 0.5) * length)
         a1, a2 = _accelerations(springs, (pushed, shake, shake + drag), x1, x2)
@@ -455,7 +461,7 @@ def _pushed(model, sources, by_m1, push, time):
     """Return the accelerations by all forces on the carriage and of the ground [m/s^2]."""
     if sources is None:
         return push, everywhere(0.0)
-    force, ground = excitation(model, sources, of.SOURCES, everywhere(time))
+    force, ground = excitation(model, sources, slots.SOURCES, everywhere(time))
     return fma(by_m1, force, push), ground
 
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from mm_gym.excitation import sources
 from mm_gym.excitation.kinds import CORNERS
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.base import Method, Option, Settings, degree
 from mm_gym.methods.splitting import kernel
-from mm_gym.methods.splitting import layout as of
+from mm_gym.methods.splitting import layout as slots
 from mm_gym.methods.support import SMOOTH_NONLINEAR, fastest_decay
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor.method import Taylor
@@ -84,7 +84,7 @@ _SIMPSON = 1.0 / 2880.0
 _RAISE, _LATER = 2.0, 0.5
 _OVERHEAD = 0.7  # of a column, in substeps
 _ROUND_OFF = 2e-15  # of a column; the weights multiply it
-_RECIPROCALS = [1.0 / math.factorial(n + 1) for n in range(of.MOST_DEGREE + 1)]
+_RECIPROCALS = [1.0 / math.factorial(n + 1) for n in range(slots.MOST_DEGREE + 1)]
 
 
 class Plan(NamedTuple):
@@ -139,9 +139,9 @@ class Splitting(Method):
 
     def limit(self, support: Support) -> str | None:
         """Return why not, where a spring or excitation is of another kind, or all is too fast."""
-        if support.high[at.L0] > 0.0:
+        if support.high[layout.L0] > 0.0:
             return "the springs are of finite stretch"
-        if support.low[at.ALPHA] < 0.0 or support.low[at.BETA] < 0.0:
+        if support.low[layout.ALPHA] < 0.0 or support.low[layout.BETA] < 0.0:
             return "a coefficient of the carriage's spring is negative"
         if support.sampled and support.excitation[CORNERS] > 0.0:
             return "a record has corners within sample intervals"
@@ -151,47 +151,54 @@ class Splitting(Method):
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
         """Return the model of the Taylor series, then the columns and their weights."""
         series = _SERIES.model(support, settings)
-        model = np.concatenate([series, np.zeros(of.END - len(series))])
+        model = np.concatenate([series, np.zeros(slots.END - len(series))])
         low, high, plan = support.low, support.high, plan_of(support, settings)
         assert plan is not None  # noqa: S101 - else there is an obstacle
-        model[of.FIRST_CHECK] = plan.columns
-        limit = model[of.LIMIT] = _limit(support, settings)
-        model[of.COLUMNS] = max(plan.columns, _most_columns(plan.first, limit))
+        model[slots.FIRST_CHECK] = plan.columns
+        limit = model[slots.LIMIT] = _limit(support, settings)
+        model[slots.COLUMNS] = max(plan.columns, _most_columns(plan.first, limit))
         # With excitation the masses share more terms than springs alone would give them.
         excited = support.terms or len(support.ground) > 0
-        model[of.IS_SPRUNG] = high[at.K0] > 0.0 or excited or support.is_between
-        model[of.INTERVAL] = support.sample_interval
+        model[slots.IS_SPRUNG] = high[layout.K0] > 0.0 or excited or support.is_between
+        model[slots.INTERVAL] = support.sample_interval
         fastest = support.frequencies.max(initial=0.0) * support.sample_interval
-        model[of.FASTEST_TURN] = 1.0 if support.terms else fastest**2
-        linear = -high[at.K1] * high[at.ALPHA] / low[at.M1]
-        cubic = -high[at.K1] * high[at.BETA] / low[at.M1]
-        model[of.PLANT : of.RECIPROCALS] = 1.0 / low[at.M1], 1.0 / low[at.M2], linear, cubic
+        model[slots.FASTEST_TURN] = 1.0 if support.terms else fastest**2
+        linear = -high[layout.K1] * high[layout.ALPHA] / low[layout.M1]
+        cubic = -high[layout.K1] * high[layout.BETA] / low[layout.M1]
+        model[slots.PLANT : slots.RECIPROCALS] = (
+            1.0 / low[layout.M1],
+            1.0 / low[layout.M2],
+            linear,
+            cubic,
+        )
         if _drawn(support):
-            model[of.IS_DRAWN], model[of.DEGREE] = 1.0, degree(_decay(support) / plan.first)
-        model[of.RECIPROCALS : of.SQUARE] = _RECIPROCALS
-        square = model[of.SQUARE] = support.sample_interval**2
-        model[of.STEEPNESS] = square * (_sprung(support) / low[at.M1] - linear)
-        model[of.STEEPER] = -3.0 * square * cubic
-        model[of.BENT] = -_ERROR_OF_WAY * square * cubic / plan.first**4 / limit
-        model[of.RAISE] = (_RAISE / plan.first) ** 2
-        counts = np.arange(plan.first, plan.first + of.MOST)
+            model[slots.IS_DRAWN], model[slots.DEGREE] = 1.0, degree(_decay(support) / plan.first)
+        model[slots.RECIPROCALS : slots.SQUARE] = _RECIPROCALS
+        square = model[slots.SQUARE] = support.sample_interval**2
+        model[slots.STEEPNESS] = square * (_sprung(support) / low[layout.M1] - linear)
+        model[slots.STEEPER] = -3.0 * square * cubic
+        model[slots.BENT] = -_ERROR_OF_WAY * square * cubic / plan.first**4 / limit
+        model[slots.RAISE] = (_RAISE / plan.first) ** 2
+        counts = np.arange(plan.first, plan.first + slots.MOST)
         pushed = np.cumprod([_ERROR_OF_PUSH / plan.first**4, *(0.25 / counts[1:] ** 2)]) / limit
-        model[of.PUSHED : of.PUSHED + of.MOST] = pushed
+        model[slots.PUSHED : slots.PUSHED + slots.MOST] = pushed
         bending = np.cumprod([_SIMPSON / plan.first**4, *(0.25 / counts[1:] ** 2)]) / limit
-        model[of.BENDING : of.BENDING + of.MOST] = bending
-        model[of.LATER + 2 : of.LATER + of.MOST] = _LATER / counts[2:] ** 2
+        model[slots.BENDING : slots.BENDING + slots.MOST] = bending
+        model[slots.LATER + 2 : slots.LATER + slots.MOST] = _LATER / counts[2:] ** 2
         lengths = support.sample_interval / counts
         drifts = drifts_of(high, 0.5 * lengths)
-        model[of.FURTHEST : of.FURTHEST + of.MOST] = furthest(support, settings, plan.first)
+        model[slots.FURTHEST : slots.FURTHEST + slots.MOST] = furthest(
+            support, settings, plan.first
+        )
         for k, (h, drift) in enumerate(zip(lengths, drifts, strict=True)):
             middle, gradient = 2.0 * h / 3.0, h * h / 24.0
-            slot = of.COLUMN + of.COLUMN_SIZE * k
-            model[slot : slot + of.COLUMN_SIZE] = [
+            slot = slots.COLUMN + slots.COLUMN_SIZE * k
+            model[slot : slot + slots.COLUMN_SIZE] = [
                 *(plan.first + k, h / 6.0, h / 3.0, middle, gradient),
                 *drift,
             ]
-            slot = of.WEIGHTS + of.WEIGHTS_SIZE * (k + 1)
-            model[slot : slot + of.WEIGHTS_SIZE] = weights_of(plan.first, k + 1)
+            slot = slots.WEIGHTS + slots.WEIGHTS_SIZE * (k + 1)
+            model[slot : slot + slots.WEIGHTS_SIZE] = weights_of(plan.first, k + 1)
         return model
 
     def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
@@ -200,7 +207,7 @@ class Splitting(Method):
 
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the work expected."""
-        first, columns = int(model[of.COLUMN + of.COUNT]), int(model[of.FIRST_CHECK])
+        first, columns = int(model[slots.COLUMN + slots.COUNT]), int(model[slots.FIRST_CHECK])
         counts = Plan(first, columns).counts
         substeps = "one substep" if sum(counts) == 1 else f"{', '.join(map(str, counts))} substeps"
         return (
@@ -217,7 +224,7 @@ _SERIES = Taylor()
 
 def _drawn(support: Support) -> bool:
     """Tell whether lanes have constants of their own."""
-    rows = (at.M1, at.M2, at.D, at.C, at.K1, at.ALPHA, at.BETA)
+    rows = (layout.M1, layout.M2, layout.D, layout.C, layout.K1, layout.ALPHA, layout.BETA)
     return not all(support.fixed(row) for row in rows)
 
 
@@ -256,15 +263,17 @@ def fastest_frequency(support: Support) -> float:
     x1, offset, v1, v2 = (
         max(abs(support.start_low[row]), abs(support.start_high[row])) for row in range(4)
     )
-    linear, cubic = high[at.K1] * high[at.ALPHA], high[at.K1] * high[at.BETA]
-    energy = high[at.M1] * v1**2 + high[at.M2] * v2**2 + support.stiffest * offset**2
+    linear, cubic = high[layout.K1] * high[layout.ALPHA], high[layout.K1] * high[layout.BETA]
+    energy = high[layout.M1] * v1**2 + high[layout.M2] * v2**2 + support.stiffest * offset**2
     energy += linear * x1**2 + 0.5 * cubic * x1**4
     # 0.5 cubic x^4 + linear x^2 = energy
     square = (
         2.0 * energy / (linear + math.sqrt(linear**2 + 2.0 * cubic * energy)) if energy else 0.0
     )
     outer = linear + 3.0 * cubic * square
-    return math.sqrt((outer + support.stiffest) / low[at.M1] + support.stiffest / low[at.M2])
+    return math.sqrt(
+        (outer + support.stiffest) / low[layout.M1] + support.stiffest / low[layout.M2]
+    )
 
 
 def furthest(support: Support, settings: Settings, first: int) -> NDArray[np.float64]:
@@ -275,10 +284,14 @@ def furthest(support: Support, settings: Settings, first: int) -> NDArray[np.flo
     """
     low, high, limit = support.low, support.high, _limit(support, settings)
     damping = fastest_decay(support)
-    longest = np.array([_longest(first, k + 1, limit) for k in range(of.MOST)])
+    longest = np.array([_longest(first, k + 1, limit) for k in range(slots.MOST)])
     rates = longest / support.sample_interval - damping
-    slopes = low[at.M1] * rates * abs(rates) - high[at.K1] * high[at.ALPHA] - _sprung(support)
-    return slopes / (3.0 * high[at.K1] * high[at.BETA])
+    slopes = (
+        low[layout.M1] * rates * abs(rates)
+        - high[layout.K1] * high[layout.ALPHA]
+        - _sprung(support)
+    )
+    return slopes / (3.0 * high[layout.K1] * high[layout.BETA])
 
 
 def _longest(first: int, columns: int, limit: float) -> float:
@@ -292,7 +305,7 @@ def _longest(first: int, columns: int, limit: float) -> float:
 
 def _sprung(support: Support) -> float:
     """Return what the springs between the masses add to the carriage's stiffness, at most [N/m]."""
-    return support.stiffest * float(1.0 + support.high[at.M1] / support.low[at.M2])
+    return support.stiffest * float(1.0 + support.high[layout.M1] / support.low[layout.M2])
 
 
 def plan_of(support: Support, settings: Settings) -> Plan | None:
@@ -310,7 +323,7 @@ def _plan(phase: float, limit: float) -> Plan | None:
         if phase <= min(_longest(first, 1, limit), 2.0 * first):
             best = min(best, (float(first), Plan(first, 1)), key=lambda one: one[0])
         estimate = _ESTIMATE * phase**2
-        for columns in range(2, of.MOST):
+        for columns in range(2, slots.MOST):
             estimate *= (phase / (2.0 * (first + columns - 1))) ** 2
             if estimate <= limit and phase <= first:
                 plan = Plan(first, columns)
@@ -324,7 +337,7 @@ def _plan(phase: float, limit: float) -> Plan | None:
 @lru_cache(maxsize=1024)
 def _most_columns(first: int, limit: float) -> int:
     """Return how many columns can be extrapolated with their round-off below a limit."""
-    return next(k for k in range(of.MOST, 0, -1) if k == 1 or _can_extrapolate(first, k, limit))
+    return next(k for k in range(slots.MOST, 0, -1) if k == 1 or _can_extrapolate(first, k, limit))
 
 
 def _can_extrapolate(first: int, columns: int, limit: float) -> bool:
@@ -340,7 +353,7 @@ def weights_of(first: int, columns: int) -> NDArray[np.float64]:
     Both are filled up with zeros to (of.MOST,) each. The estimate is the difference from the result
     without the first column.
     """
-    weights, without_first = np.zeros((2, of.MOST))
+    weights, without_first = np.zeros((2, slots.MOST))
     weights[:columns] = _extrapolating(range(first, first + columns))
     if columns > 1:
         without_first[1:columns] = _extrapolating(range(first + 1, first + columns))
@@ -370,8 +383,8 @@ def drifts_of(row: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[n
     What the velocities add to the positions (2, 2) [s], then what is left of them (2, 2). Scaled by
     the roots of the masses M is symmetric.
     """
-    roots = np.sqrt(row[[at.M1, at.M2]])
-    d, c = row[at.D], row[at.C]
+    roots = np.sqrt(row[[layout.M1, layout.M2]])
+    d, c = row[layout.D], row[layout.C]
     rates, modes = np.linalg.eigh(-np.array([[c + d, -c], [-c, c]]) / np.outer(roots, roots))
     phases = np.minimum(rates, 0.0) * times[:, None]
     there, back = modes / roots[:, None], modes.T * roots

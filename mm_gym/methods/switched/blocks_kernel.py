@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES, alike
@@ -88,13 +88,13 @@ def _wait(vr, lanes, which, waiting):
     """Put the lanes listed into the list of their regime; return how many each has."""
     sticking = slipping = 0
     for i in which:
-        x1, v1 = lanes[at.X1, i], lanes[at.V1, i]
-        w = lanes[at.V2, i] - v1
+        x1, v1 = lanes[layout.X1, i], lanes[layout.V1, i]
+        w = lanes[layout.V2, i] - v1
         s = sign_of(vr, w)
         kind = int(s != 0.0)
         own, k = waiting[kind], slipping if kind else sticking
-        own[_X1, k], own[_OFFSET, k], own[_V1, k], own[_W, k] = x1, lanes[at.X2, i] - x1, v1, w
-        own[_SIGN, k], own[_HELD, k], own[_REST, k] = s, lanes[at.FORCE, i], 1.0
+        own[_X1, k], own[_OFFSET, k], own[_V1, k], own[_W, k] = x1, lanes[layout.X2, i] - x1, v1, w
+        own[_SIGN, k], own[_HELD, k], own[_REST, k] = s, lanes[layout.FORCE, i], 1.0
         own[_PIECES, k], own[_LANE, k] = 0.0, i
         slipping += kind
         sticking += 1 - kind
@@ -128,8 +128,8 @@ def _leave(lanes, waiting, counts, b, count, which, left):
         rest, lane = b[_REST * LANES + i], int(b[_LANE * LANES + i])
         if rest == 0.0:
             x1, v1 = b[_X1 * LANES + i], b[_V1 * LANES + i]
-            lanes[at.X1, lane], lanes[at.X2, lane] = x1, x1 + b[_OFFSET * LANES + i]
-            lanes[at.V1, lane], lanes[at.V2, lane] = v1, v1 + b[_W * LANES + i]
+            lanes[layout.X1, lane], lanes[layout.X2, lane] = x1, x1 + b[_OFFSET * LANES + i]
+            lanes[layout.V1, lane], lanes[layout.V2, lane] = v1, v1 + b[_W * LANES + i]
         elif rest < 0.0 or b[_PIECES * LANES + i] >= MOST_PIECES:
             which[left] = lane
             left += 1

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.law.events import sign_of
 from mm_gym.methods.switched import blocks_kernel as blocks
@@ -51,7 +51,7 @@ _SCRATCH_ROWS = 12 * WIDTH
 @kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval, or a part of it; force and stretch are held."""
-    part = model[at.SAMPLE_INTERVAL]
+    part = model[layout.SAMPLE_INTERVAL]
     if part == model[slots.WHOLE]:
         return propagate_whole(model, lanes, first, last)
     return _follow(model, lanes, np.arange(first, last), part)
@@ -60,7 +60,7 @@ def propagate(model, lanes, first, last):
 @kernel
 def propagate_whole(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    harmonics, in_slip = int(model[at.HARMONIC_COUNT]), _level(model, int(model[slots.SLIP]))
+    harmonics, in_slip = int(model[layout.HARMONIC_COUNT]), _level(model, int(model[slots.SLIP]))
     room = np.empty(_SCRATCH_ROWS + last - first)  # one array: to make two takes a lane longer
     scratch, which, left = room[:_SCRATCH_ROWS], room[_SCRATCH_ROWS:].view(np.int64), 0
     _clear_added(scratch, min(WIDTH, last - first))
@@ -80,7 +80,7 @@ def propagate_whole(model, lanes, first, last):
                 left += int(scratch[_LEAVES + i])
     if left > 0 and model[slots.STICK_SERIES] > 0.0:
         left = blocks.advance(model, lanes, which[:left])
-    return _follow(model, lanes, which[:left], None) if left > 0 else at.OK
+    return _follow(model, lanes, which[:left], None) if left > 0 else layout.OK
 
 
 @borrowing_kernel
@@ -106,7 +106,7 @@ def _stays(vr, sign, w, next_w, bend):
 def _some_slip(vr, lanes, first, count):
     """Tell whether a lane slips."""
     prefer_widest_vectors()
-    v1s, v2s = lanes[at.V1, first : first + count], lanes[at.V2, first : first + count]
+    v1s, v2s = lanes[layout.V1, first : first + count], lanes[layout.V2, first : first + count]
     some = False
     for i in range(count):
         some |= sign_of(vr, v2s[i] - v1s[i]) != 0.0
@@ -124,9 +124,9 @@ def _propagate(model, lanes, scratch, first, count, in_slip):
     vr, stick, slip = model[slots.VR], int(model[slots.STICK]), int(model[slots.SLIP])
     in_stick = _level(model, stick)
     stick_gain, slip_gain = model[stick + slots.GAIN_OF_SECOND], model[slip + slots.GAIN_OF_SECOND]
-    x1s, x2s = lanes[at.X1, first : first + count], lanes[at.X2, first : first + count]
-    v1s, v2s = lanes[at.V1, first : first + count], lanes[at.V2, first : first + count]
-    us, leaving = lanes[at.FORCE, first : first + count], 0
+    x1s, x2s = lanes[layout.X1, first : first + count], lanes[layout.X2, first : first + count]
+    v1s, v2s = lanes[layout.V1, first : first + count], lanes[layout.V2, first : first + count]
+    us, leaving = lanes[layout.FORCE, first : first + count], 0
     for i in range(count):
         x1, x2, v1, v2, u = x1s[i], x2s[i], v1s[i], v2s[i], us[i]
         w = v2 - v1
@@ -201,10 +201,13 @@ def _add_harmonic(model, lanes, scratch, j, first, count):
         (_SCRATCH_ROWS,) read and written: rows from _ADDED on, of `count` lanes.
     """
     vr, stick, slip = model[slots.VR], int(model[slots.STICK]), int(model[slots.SLIP])
-    harmonic, own = at.HARMONICS + at.HARMONIC_ROWS * j, slots.HARMONICS + slots.HARMONIC_SIZE * j
-    amplitudes = lanes[harmonic + at.AMPLITUDE, first:]
-    cosines, sines = lanes[harmonic + at.COSINE, first:], lanes[harmonic + at.SINE, first:]
-    v1s, v2s = lanes[at.V1, first:], lanes[at.V2, first:]
+    harmonic, own = (
+        layout.HARMONICS + layout.HARMONIC_ROWS * j,
+        slots.HARMONICS + slots.HARMONIC_SIZE * j,
+    )
+    amplitudes = lanes[harmonic + layout.AMPLITUDE, first:]
+    cosines, sines = lanes[harmonic + layout.COSINE, first:], lanes[harmonic + layout.SINE, first:]
+    v1s, v2s = lanes[layout.V1, first:], lanes[layout.V2, first:]
     for row in range(7):
         k = own + _HARMONIC_SLOTS[row]
         a0, a1, b0, b1 = (
@@ -226,12 +229,12 @@ def _add_harmonic(model, lanes, scratch, j, first, count):
 def _follow(model, lanes, which, part):
     """Advance one by one the lanes listed; `part` as below."""
     z, p, c = (
-        np.empty(7 + 2 * int(model[at.HARMONIC_COUNT])),
+        np.empty(7 + 2 * int(model[layout.HARMONIC_COUNT])),
         np.empty(COEFFICIENTS),
         np.zeros(SERIES),
     )
     load_coefficients(lanes, which[0], p)  # all lanes have the same
-    status = at.OK
+    status = layout.OK
     for i in which:
         status = max(status, _propagate_by_intervals(model, lanes, i, z, p, c, part))
     return status
@@ -292,7 +295,7 @@ def _propagate_by_intervals(model, lanes, i, z, p, c, part):
         else:
             elapsed = (position - start) * unit
             status, z[5] = walk(p, c, model, lanes, i, z, z[5], elapsed, unit, degree)
-            if status != at.OK:
+            if status != layout.OK:
                 return status
             _turn_harmonics(m, z)
         position += 1 << (last_level - level)
@@ -303,17 +306,17 @@ def _propagate_by_intervals(model, lanes, i, z, p, c, part):
         ):  # as long as the place allows
             level -= 1
     if position < end:
-        return at.TOO_MANY_EVENTS
+        return layout.TOO_MANY_EVENTS
     if part is not None:
         elapsed = (end - start) * unit
         if part > elapsed:
             rest = part - elapsed
             status, z[5] = walk(p, c, model, lanes, i, z, z[5], elapsed, rest, degree)
-            if status != at.OK:
+            if status != layout.OK:
                 return status
     for row in range(4):
         lanes[row, i] = z[row]
-    return at.OK
+    return layout.OK
 
 
 @kernel
@@ -322,15 +325,15 @@ def _load_inputs(model, lanes, i, z):
 
     x1, x2, v1, v2, w, sign of slip, u, and each harmonic's cosine and sine times amplitude.
     """
-    harmonics = int(model[at.HARMONIC_COUNT])
+    harmonics = int(model[layout.HARMONIC_COUNT])
     for row in range(4):
         z[row] = lanes[row, i]
     z[4] = z[3] - z[2]
-    z[5], z[6] = sign_of(model[slots.VR], z[4]), lanes[at.FORCE, i]
+    z[5], z[6] = sign_of(model[slots.VR], z[4]), lanes[layout.FORCE, i]
     for j in range(harmonics):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        z[7 + 2 * j] = lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.COSINE, i]
-        z[8 + 2 * j] = lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.SINE, i]
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        z[7 + 2 * j] = lanes[harmonic + layout.AMPLITUDE, i] * lanes[harmonic + layout.COSINE, i]
+        z[8 + 2 * j] = lanes[harmonic + layout.AMPLITUDE, i] * lanes[harmonic + layout.SINE, i]
 
 
 @kernel

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 # STICK and SLIP hold where the levels of each regime begin, the whole sample interval first, whose
 # length is WHOLE [s]; STICK_SERIES and SLIP_SERIES where the coefficients of its series do, of
 # TERMS terms, 0 where there are none.
-VR, LAST_LEVEL, STICK, SLIP, LEVEL_SIZE, DEGREE, WHOLE = (at.MODEL_OWN + i for i in range(7))
-STICK_SERIES, SLIP_SERIES, TERMS = (at.MODEL_OWN + i for i in range(7, 10))
-REGIMES = at.MODEL_OWN + 10
+VR, LAST_LEVEL, STICK, SLIP, LEVEL_SIZE, DEGREE, WHOLE = (layout.MODEL_OWN + i for i in range(7))
+STICK_SERIES, SLIP_SERIES, TERMS = (layout.MODEL_OWN + i for i in range(7, 10))
+REGIMES = layout.MODEL_OWN + 10
 
 # Slots of a level: rows against the inputs (x1, x2, v1, v2, sign, u), or, for w'' now, the change
 # of w and the gains of h**2 |w''| / 2, against the inputs (x1, x2 - x1, v1, w, sign, u).

@@ -9,7 +9,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import dry_friction
 from mm_gym.methods.base import ROUND_OFF, ExactMethod, Settings, degree, header, refuse_overflow
 from mm_gym.methods.support import (
@@ -79,7 +79,8 @@ class Switched(ExactMethod):
         """Return the transition matrices of both regimes over the interval and its halves."""
         low = support.low
         mu1, mu2, vr, chi, normal = (
-            Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
+            Decimal(float(low[i]))
+            for i in (layout.MU1, layout.MU2, layout.VR, layout.CHI, layout.FN)
         )
         with localcontext(Context(prec=60)):
             stick = plain(dry_friction.stick_slope)(mu1, normal, vr)
@@ -104,7 +105,7 @@ class Switched(ExactMethod):
             is_plain = levels == 0 and not support.ground
             terms = max(_terms(support, *line, degree(phase)) for line in lines) if is_plain else 0
             series = [_series(support, *line, terms) for line in lines] if is_plain else []
-        model = header(support, switched.REGIMES - at.MODEL_OWN)
+        model = header(support, switched.REGIMES - layout.MODEL_OWN)
         model[switched.VR], model[switched.LAST_LEVEL] = float(vr), levels
         model[switched.WHOLE], model[switched.TERMS] = support.sample_interval, terms
         model[switched.DEGREE] = degree(phase / 2.0**levels)
@@ -120,7 +121,7 @@ class Switched(ExactMethod):
 
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the work of an interval, and of a change of regime."""
-        inputs = STATE_INPUTS + 2 * int(model[at.HARMONIC_COUNT])
+        inputs = STATE_INPUTS + 2 * int(model[layout.HARMONIC_COUNT])
         terms = int(model[switched.TERMS] or model[switched.DEGREE])
         return f"7 products with {inputs} inputs; a series of degree {terms} per change of regime"
 

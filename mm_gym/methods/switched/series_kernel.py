@@ -12,7 +12,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import kernel
 from mm_gym.excitation.jets import write_series
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.law.bounds import fastest_harmonic, fastest_rate
 from mm_gym.law.dry_friction import interface_line, slip_intercept
@@ -34,12 +34,12 @@ _M1, _M2, _K1, _D, _K2, _STICK, _CHI, _INTERCEPT, _VR, HELD, COEFFICIENTS = rang
 @kernel
 def load_coefficients(lanes, i, p):
     """Write what the equations of lane i need to p (COEFFICIENTS,), in SI units."""
-    p[_M1], p[_M2], p[_D] = lanes[at.M1, i], lanes[at.M2, i], lanes[at.D, i]
-    p[_K1] = lanes[at.K1, i] * lanes[at.ALPHA, i]
-    p[_K2] = stiffness(lanes[at.K0, i], lanes[at.STRETCH, i])
-    p[_STICK], p[_CHI], p[_VR] = lanes[at.C, i], lanes[at.CHI, i], lanes[at.VR, i]
-    p[_INTERCEPT] = slip_intercept(lanes[at.KINETIC_FORCE, i], p[_CHI], p[_VR])
-    p[HELD] = lanes[at.FORCE, i]
+    p[_M1], p[_M2], p[_D] = lanes[layout.M1, i], lanes[layout.M2, i], lanes[layout.D, i]
+    p[_K1] = lanes[layout.K1, i] * lanes[layout.ALPHA, i]
+    p[_K2] = stiffness(lanes[layout.K0, i], lanes[layout.STRETCH, i])
+    p[_STICK], p[_CHI], p[_VR] = lanes[layout.C, i], lanes[layout.CHI, i], lanes[layout.VR, i]
+    p[_INTERCEPT] = slip_intercept(lanes[layout.KINETIC_FORCE, i], p[_CHI], p[_VR])
+    p[HELD] = lanes[layout.FORCE, i]
 
 
 @kernel
@@ -76,13 +76,13 @@ def walk(p, c, model, lanes, i, z, regime, elapsed, duration, degree):
         theta, direction = regime_exit(c, _W, degree, regime, upper, lower)
         _evaluate(c, z, min(theta, 1.0), degree)
         if direction == 0.0:
-            return at.OK, regime
+            return layout.OK, regime
         regime = direction - regime
         z[4] = direction * vr
         upper, lower = gaps_on(vr, direction)
         elapsed += theta * duration
         duration *= 1.0 - theta
-    return at.TOO_MANY_EVENTS, regime
+    return layout.TOO_MANY_EVENTS, regime
 
 
 @kernel
@@ -131,13 +131,13 @@ def _evaluate(c, z, theta, degree):
 
 
 # Slots of the model of the series alone.
-DEGREE = at.MODEL_OWN
+DEGREE = layout.MODEL_OWN
 
 
 @kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval on the series alone: their parameters may differ."""
-    status, degree = at.OK, int(model[DEGREE])
+    status, degree = layout.OK, int(model[DEGREE])
     z, p, c = np.empty(5), np.empty(COEFFICIENTS), np.zeros(SERIES)
     for i in range(first, last):
         load_coefficients(lanes, i, p)
@@ -146,9 +146,9 @@ def propagate(model, lanes, first, last):
         z[4] = z[3] - z[2]
         regime = sign_of(p[_VR], z[4])
         rate = fastest_rate(p[_M1], p[_M2], p[_K1], p[_K2], max(p[_STICK], p[_CHI]), p[_D])
-        rate = max(rate, fastest_harmonic(lanes[:, i], int(model[at.HARMONIC_COUNT])))
-        pieces = max(1, math.ceil(rate * model[at.SAMPLE_INTERVAL]))
-        piece = model[at.SAMPLE_INTERVAL] / pieces
+        rate = max(rate, fastest_harmonic(lanes[:, i], int(model[layout.HARMONIC_COUNT])))
+        pieces = max(1, math.ceil(rate * model[layout.SAMPLE_INTERVAL]))
+        piece = model[layout.SAMPLE_INTERVAL] / pieces
         for k in range(pieces):
             outcome, regime = walk(p, c, model, lanes, i, z, regime, k * piece, piece, degree)
             status = max(status, outcome)

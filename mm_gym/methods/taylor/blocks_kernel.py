@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES, alike
@@ -51,8 +51,8 @@ def _is_plain(model):
     others = (
         model[rows.HAS_FRICTION]
         + model[rows.IS_FINITE]
-        + model[at.HARMONIC_COUNT]
-        + model[at.TERMS]
+        + model[layout.HARMONIC_COUNT]
+        + model[layout.TERMS]
     )
     return model[rows.IS_CUBIC] > 0.0 and others == 0.0
 
@@ -68,7 +68,7 @@ def _propagate(model, lanes, c, b, first, last):
     b
         (END * LANES,) written: room for LANES slots.
     """
-    most, status, waiting, busy = int(model[rows.ORDER]), at.OK, first, 0
+    most, status, waiting, busy = int(model[rows.ORDER]), layout.OK, first, 0
     for i in range(LANES):
         waiting = _occupy(model, lanes, c, b, i, waiting, last)
         busy += b[_LANE * LANES + i] != _IDLE
@@ -77,7 +77,7 @@ def _propagate(model, lanes, c, b, first, last):
         for i in range(LANES):
             reached = b[_STATUS * LANES + i]
             if reached != _BUSY and b[_LANE * LANES + i] != _IDLE:
-                if reached in (at.OK, at.ESCAPED):
+                if reached in (layout.OK, layout.ESCAPED):
                     _leave(lanes, b, i)
                 status = max(status, int(reached))
                 waiting = _occupy(model, lanes, c, b, i, waiting, last)
@@ -128,7 +128,7 @@ def _leave(lanes, b, i):
 @borrowing_kernel
 def _advance(model, c, b, most):
     """Advance every slot by one series."""
-    tolerance, duration = model[rows.TOLERANCE], model[at.SAMPLE_INTERVAL]
+    tolerance, duration = model[rows.TOLERANCE], model[layout.SAMPLE_INTERVAL]
     rest = duration - b[_ELAPSED]
     unit = smaller(b[UNIT], rest)
     remaining = where(unit > 0.0, rest / unit, 1.0)
@@ -141,12 +141,12 @@ def _advance(model, c, b, most):
         theta = where(order < float(most), 1.0, step)
     size = _evaluate(b, theta, order, top)
     elapsed, count = b[_ELAPSED] + theta * unit, b[_COUNT] + 1.0
-    status = where(count >= float(taylor.MOST_STEPS), float(at.TOO_MANY_SERIES), _BUSY)
-    status = where(theta == remaining, float(at.OK), status)
-    status = where(elapsed >= duration, float(at.OK), status)
+    status = where(count >= float(taylor.MOST_STEPS), float(layout.TOO_MANY_SERIES), _BUSY)
+    status = where(theta == remaining, float(layout.OK), status)
+    status = where(elapsed >= duration, float(layout.OK), status)
     escaped = has_escaped(b[rows.X1], b[rows.V1], b[rows.ESCAPE])
-    status = where(escaped, float(at.ESCAPED), status)
-    b[_STATUS] = where(size < np.inf, status, float(at.DIVERGED))
+    status = where(escaped, float(layout.ESCAPED), status)
+    b[_STATUS] = where(size < np.inf, status, float(layout.DIVERGED))
     b[_ELAPSED], b[_COUNT], b[UNIT] = elapsed, count, larger(theta, 2.0**-20) * unit
 
 

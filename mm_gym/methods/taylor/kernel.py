@@ -12,7 +12,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.excitation.jets import write_series
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, write_inverse_square
 from mm_gym.lanes.memory import span
 from mm_gym.lanes.simd import alike
@@ -31,7 +31,7 @@ MOST_STEPS = 20_000
 @kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    status = at.OK
+    status = layout.OK
     c = np.zeros(rows.SIZE)
     write_reciprocals(model, c)
     for i in range(first, last):
@@ -43,14 +43,14 @@ def propagate(model, lanes, first, last):
 @borrowing_kernel
 def shorten(model, piece):
     """Give a piece of a sample interval its part of the tolerance."""
-    part = piece[at.SAMPLE_INTERVAL] / model[at.SAMPLE_INTERVAL]
+    part = piece[layout.SAMPLE_INTERVAL] / model[layout.SAMPLE_INTERVAL]
     piece[rows.TOLERANCE] = model[rows.TOLERANCE] * part
 
 
 @borrowing_kernel
 def write_reciprocals(model, c):
     """Write 1 / n for every order n, and the length of a sample interval [s]."""
-    c[rows.DURATION] = model[at.SAMPLE_INTERVAL]
+    c[rows.DURATION] = model[layout.SAMPLE_INTERVAL]
     for n in range(int(model[rows.ORDER])):
         c[rows.RECIPROCAL + n] = 1.0 / (n + 1.0)
 
@@ -58,20 +58,20 @@ def write_reciprocals(model, c):
 @borrowing_kernel
 def coefficients(model, lanes, i, friction, c):
     """Write what the equations of lane i need to c (rows.SIZE,), in SI units."""
-    k1, k0, stretch = lanes[at.K1, i], lanes[at.K0, i], lanes[at.STRETCH, i]
-    c[rows.BY_M1], c[rows.BY_M2] = 1.0 / lanes[at.M1, i], 1.0 / lanes[at.M2, i]
-    c[rows.K1], c[rows.BETA] = k1 * lanes[at.ALPHA, i], k1 * lanes[at.BETA, i]
-    c[rows.D], c[rows.C] = lanes[at.D, i], lanes[at.C, i]
-    c[rows.PAIR], c[rows.U] = control_forces(model, lanes[at.FORCE, i])
-    c[rows.K0], c[rows.L0], c[rows.STRETCH] = k0, lanes[at.L0, i], stretch
+    k1, k0, stretch = lanes[layout.K1, i], lanes[layout.K0, i], lanes[layout.STRETCH, i]
+    c[rows.BY_M1], c[rows.BY_M2] = 1.0 / lanes[layout.M1, i], 1.0 / lanes[layout.M2, i]
+    c[rows.K1], c[rows.BETA] = k1 * lanes[layout.ALPHA, i], k1 * lanes[layout.BETA, i]
+    c[rows.D], c[rows.C] = lanes[layout.D, i], lanes[layout.C, i]
+    c[rows.PAIR], c[rows.U] = control_forces(model, lanes[layout.FORCE, i])
+    c[rows.K0], c[rows.L0], c[rows.STRETCH] = k0, lanes[layout.L0, i], stretch
     c[rows.K2] = stiffness(k0, stretch) if k0 > 0.0 else 0.0
     c[rows.ESCAPE] = escape_distance(
-        lanes[at.M1, i], k1, lanes[at.ALPHA, i], lanes[at.BETA, i], c[rows.DURATION]
+        lanes[layout.M1, i], k1, lanes[layout.ALPHA, i], lanes[layout.BETA, i], c[rows.DURATION]
     )
     c[rows.VR] = np.inf
     if friction:  # else these rows of lanes need not be read
-        c[rows.VR], c[rows.CHI] = lanes[at.VR, i], lanes[at.CHI, i]
-        c[rows.INTERCEPT] = slip_intercept(lanes[at.KINETIC_FORCE, i], c[rows.CHI], c[rows.VR])
+        c[rows.VR], c[rows.CHI] = lanes[layout.VR, i], lanes[layout.CHI, i]
+        c[rows.INTERCEPT] = slip_intercept(lanes[layout.KINETIC_FORCE, i], c[rows.CHI], c[rows.VR])
 
 
 @borrowing_kernel
@@ -80,7 +80,7 @@ def _propagate_lane(model, lanes, i, c):
     most, tolerance, duration = (
         int(model[rows.ORDER]),
         model[rows.TOLERANCE],
-        model[at.SAMPLE_INTERVAL],
+        model[layout.SAMPLE_INTERVAL],
     )
     cubic, finite, friction, vr = (
         model[rows.IS_CUBIC] > 0.0,
@@ -90,7 +90,7 @@ def _propagate_lane(model, lanes, i, c):
     )
     for row in range(4):
         c[rows.STATE + row] = lanes[row, i]
-    w = c[rows.STATE + 4] = lanes[at.V2, i] - lanes[at.V1, i]
+    w = c[rows.STATE + 4] = lanes[layout.V2, i] - lanes[layout.V1, i]
     regime = sign_of(vr, w)
     upper, lower = gaps_of(vr, w)
     elapsed = 0.0
@@ -104,7 +104,7 @@ def _propagate_lane(model, lanes, i, c):
         enough = part if remaining == 1.0 else -1.0
         order = _expand(c, cubic, finite, friction, regime, unit, most, enough)
         if order < FEWEST:
-            return at.COLLAPSED
+            return layout.COLLAPSED
         theta = 1.0 if order < most else min(step_of(c, c, part, order), remaining)
         direction = 0.0
         if friction:
@@ -113,7 +113,7 @@ def _propagate_lane(model, lanes, i, c):
             )
             theta = theta if exit_at == NONE else theta * exit_at
         if not _evaluate(c, friction, theta, order):
-            return at.DIVERGED
+            return layout.DIVERGED
         escaped = has_escaped(c[rows.STATE], c[rows.STATE + 2], c[rows.ESCAPE])
         if direction != 0.0:
             regime = direction - regime
@@ -125,9 +125,9 @@ def _propagate_lane(model, lanes, i, c):
         if escaped or (theta == remaining and direction == 0.0) or elapsed >= duration:
             for row in range(4):
                 lanes[row, i] = c[rows.STATE + row]
-            return at.ESCAPED if escaped else at.OK
+            return layout.ESCAPED if escaped else layout.OK
         unit = min(max(theta, 2.0**-20) * unit, duration - elapsed)
-    return at.TOO_MANY_SERIES
+    return layout.TOO_MANY_SERIES
 
 
 @borrowing_kernel

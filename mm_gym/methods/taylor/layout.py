@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 
 # Slots of the model.
 ORDER, TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE, MODEL_END = (
-    at.MODEL_OWN + i for i in range(6)
+    layout.MODEL_OWN + i for i in range(6)
 )
 
 # Rows of the series in one array, WIDTH apart: the state; x1**2; what `write_series` writes; both

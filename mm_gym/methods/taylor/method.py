@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from mm_gym.errors import CompileError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.base import Method, Option, Settings, header
 from mm_gym.methods.support import GENERAL, KINDS, MASSLESS, fastest_rate
 from mm_gym.methods.taylor import blocks_kernel, kernel
@@ -71,7 +71,7 @@ class Taylor(Method):
         model[series.TOLERANCE] = tolerance
         model[series.HAS_FRICTION] = support.slips
         model[series.IS_CUBIC] = support.is_cubic
-        model[series.IS_FINITE] = high[at.L0] > 0.0
+        model[series.IS_FINITE] = high[layout.L0] > 0.0
         return model
 
     def order(self, settings: Settings) -> str:

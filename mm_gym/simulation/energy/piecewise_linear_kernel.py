@@ -28,7 +28,7 @@ import math
 import numpy as np
 
 from mm_gym.compiler.jit import kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import bounds, dry_friction
 from mm_gym.law.events import sign_of
 
@@ -52,7 +52,7 @@ LIGHTEST = 1e-80
 @kernel
 def carriage_mass(p):
     """Return m1, or a mass too small to matter if there is none."""
-    return max(p[at.M1], LIGHTEST * p[at.M2])
+    return max(p[layout.M1], LIGHTEST * p[layout.M2])
 
 
 @kernel
@@ -73,7 +73,13 @@ def size_of(harmonics, terms):
 @kernel
 def generator(p, k2, harmonics, ground, terms, h, in_slip):
     """Return A (n, n) of z' = A z in one regime."""
-    m1, m2, k1, d, vr = carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D], p[at.VR]
+    m1, m2, k1, d, vr = (
+        carriage_mass(p),
+        p[layout.M2],
+        p[layout.K1] * p[layout.ALPHA],
+        p[layout.D],
+        p[layout.VR],
+    )
     total, inverse = m1 + m2, 1.0 / m1 + 1.0 / m2
     part = m2 / total  # v1 = V - part w
     a = np.zeros((size_of(harmonics, terms), size_of(harmonics, terms)))
@@ -81,15 +87,15 @@ def generator(p, k2, harmonics, ground, terms, h, in_slip):
     # (1) and (2) of docs/model.md added up, and (2) less (1).
     a[COMMON, X], a[COMMON, COMMON], a[COMMON, SLIP] = -k1 / total, -d / total, d * part / total
     a[SLIP, X], a[SLIP, OFFSET], a[SLIP, COMMON] = k1 / m1, -k2 * inverse, d / m1
-    a[SLIP, SLIP] = -(p[at.CHI] if in_slip else p[at.C]) * inverse - d * part / m1
+    a[SLIP, SLIP] = -(p[layout.CHI] if in_slip else p[layout.C]) * inverse - d * part / m1
     a[COMMON, FORCE], a[SLIP, FORCE] = 1.0 / total, -1.0 / m1
     if in_slip:
         for row in range(SIGN):
             a[row, SIGN] = a[row, SLIP] * vr
-        a[SLIP, SIGN] = -p[at.KINETIC_FORCE] * inverse - d * part * vr / m1
+        a[SLIP, SIGN] = -p[layout.KINETIC_FORCE] * inverse - d * part * vr / m1
     for j in range(harmonics):
         cosine, sine = HARMONICS + 2 * j, HARMONICS + 2 * j + 1
-        w = p[at.HARMONICS + at.HARMONIC_ROWS * j + at.FREQUENCY]
+        w = p[layout.HARMONICS + layout.HARMONIC_ROWS * j + layout.FREQUENCY]
         a[cosine, sine], a[sine, cosine] = -w, w
         if (ground >> j) & 1:
             a[COMMON, sine] = -1.0
@@ -106,8 +112,8 @@ def generator(p, k2, harmonics, ground, terms, h, in_slip):
 @kernel
 def fastest_rate(p, k2, harmonics, terms, h):
     """Return a bound [1/s] of the rates of both regimes and of the excitation."""
-    k1, c = p[at.K1] * p[at.ALPHA], max(p[at.C], p[at.CHI])
-    rate = bounds.fastest_rate(carriage_mass(p), p[at.M2], k1, k2, c, p[at.D])
+    k1, c = p[layout.K1] * p[layout.ALPHA], max(p[layout.C], p[layout.CHI])
+    rate = bounds.fastest_rate(carriage_mass(p), p[layout.M2], k1, k2, c, p[layout.D])
     return max(rate, bounds.fastest_harmonic(p, harmonics), terms / h)
 
 
@@ -126,18 +132,18 @@ def start(p, state, force, harmonics, time, jets):
     are coefficients of force [N] and ground acceleration [m/s^2].
     """
     z = np.zeros(HARMONICS + 2 * harmonics + jets.shape[0])
-    m1, m2 = carriage_mass(p), p[at.M2]
+    m1, m2 = carriage_mass(p), p[layout.M2]
     x1, x2, v1, v2 = state[0], state[1], state[2], state[3]
-    w, vr = v2 - v1, p[at.VR]
+    w, vr = v2 - v1, p[layout.VR]
     z[X], z[OFFSET], z[COMMON], z[SLIP] = x1, x2 - x1, (m1 * v1 + m2 * v2) / (m1 + m2), w
     z[SIGN] = sign_of(dry_friction.threshold(vr), w)
     z[SLIP] = w - z[SIGN] * vr
     z[FORCE] = force
     for j in range(harmonics):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        angle = p[harmonic + at.PHASE] + p[harmonic + at.FREQUENCY] * time
-        z[HARMONICS + 2 * j] = p[harmonic + at.AMPLITUDE] * math.cos(angle)
-        z[HARMONICS + 2 * j + 1] = p[harmonic + at.AMPLITUDE] * math.sin(angle)
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        angle = p[harmonic + layout.PHASE] + p[harmonic + layout.FREQUENCY] * time
+        z[HARMONICS + 2 * j] = p[harmonic + layout.AMPLITUDE] * math.cos(angle)
+        z[HARMONICS + 2 * j + 1] = p[harmonic + layout.AMPLITUDE] * math.sin(angle)
     for n in range(jets.shape[0]):
         z[HARMONICS + 2 * harmonics + n] = jets[n]
     return z
@@ -149,16 +155,16 @@ def force_share(model, p):
 
     Between the masses it acts on w by both, -(1 / m1 + 1 / m2).
     """
-    return 1.0 + carriage_mass(p) / p[at.M2] if model[at.BETWEEN] > 0.0 else 1.0
+    return 1.0 + carriage_mass(p) / p[layout.M2] if model[layout.BETWEEN] > 0.0 else 1.0
 
 
 @kernel
 def energy_root(p, k2, z):
     """Return sqrt(2 E), E the kinetic and elastic energy."""
-    m1, m2 = carriage_mass(p), p[at.M2]
-    w = z[SLIP] + z[SIGN] * p[at.VR]
+    m1, m2 = carriage_mass(p), p[layout.M2]
+    w = z[SLIP] + z[SIGN] * p[layout.VR]
     kinetic = (m1 + m2) * z[COMMON] ** 2 + m1 * m2 / (m1 + m2) * w * w
-    return math.sqrt(kinetic + p[at.K1] * p[at.ALPHA] * z[X] ** 2 + k2 * z[OFFSET] ** 2)
+    return math.sqrt(kinetic + p[layout.K1] * p[layout.ALPHA] * z[X] ** 2 + k2 * z[OFFSET] ** 2)
 
 
 @kernel
@@ -168,13 +174,13 @@ def bound_motion(p, k2, z, harmonics, ground, terms, h, duration, in_slip):
     The root of twice the energy grows at most by the force over the root of the mass it moves; it
     bounds every coordinate, and the equations of motion bound their derivatives.
     """
-    m1, m2, k1, d = carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D]
+    m1, m2, k1, d = carriage_mass(p), p[layout.M2], p[layout.K1] * p[layout.ALPHA], p[layout.D]
     total = m1 + m2
     part, reduced = m2 / total, m1 * m2 / total
     force, force1, force2, shake, shake1 = abs(z[FORCE]), 0.0, 0.0, 0.0, 0.0
     for j in range(harmonics):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        size, w = abs(p[harmonic + at.AMPLITUDE]), p[harmonic + at.FREQUENCY]
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        size, w = abs(p[harmonic + layout.AMPLITUDE]), p[harmonic + layout.FREQUENCY]
         if (ground >> j) & 1:
             shake, shake1 = shake + size, shake1 + size * w
         else:
@@ -190,9 +196,15 @@ def bound_motion(p, k2, z, harmonics, ground, terms, h, duration, in_slip):
     dv = (d * v1 + k1 * x + force) / total + shake
     drive = (k1 * x + d * v + force) / m1 + math.sqrt(k2) * s / reduced
     if in_slip:
-        dw = (p[at.CHI] / reduced + d * part / m1) * w + p[at.KINETIC_FORCE] / reduced + drive
+        dw = (
+            (p[layout.CHI] / reduced + d * part / m1) * w
+            + p[layout.KINETIC_FORCE] / reduced
+            + drive
+        )
     else:
-        dw = (p[at.C] / reduced + d * part / m1) * min(w, dry_friction.threshold(p[at.VR])) + drive
+        dw = (p[layout.C] / reduced + d * part / m1) * min(
+            w, dry_friction.threshold(p[layout.VR])
+        ) + drive
     first = (k1 * v1 + d * dv + force1) / m1 + k2 * w / reduced
     ddv = (d * (dv + part * dw) + k1 * v1 + force1) / total + shake1
     return first, (k1 * (dv + part * dw) + d * ddv + force2) / m1 + k2 * dw / reduced
@@ -205,7 +217,7 @@ def stays_slower(p, k2, z, rate, limit):
     Either sqrt(2 E / m_r), the fastest w of this energy, or |g| / rate stays below the limit
     [m/s], where w' = -rate w + g, see section 4 of docs/model.md.
     """
-    m1, m2, k1, d = carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D]
+    m1, m2, k1, d = carriage_mass(p), p[layout.M2], p[layout.K1] * p[layout.ALPHA], p[layout.D]
     total = m1 + m2
     reduced = m1 * m2 / total
     root = energy_root(p, k2, z)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import SimulationError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.methods.base import Settings
 from mm_gym.methods.support import fastest_rate
 from mm_gym.sensitivity.layout import TANGENTS
@@ -55,8 +55,8 @@ def integrals_by_series(recording: Recording, start: tuple[Array, ...], duration
     model = model_of(support, (), len(lanes), 0)
     values = np.vstack([lanes, np.zeros((TANGENTS + 2, lanes.shape[1]))])
     status = rate_series_kernel.propagate(model, values, 0, lanes.shape[1])
-    if status > at.ENDED:
-        msg = f"work: {at.MESSAGES[status]}"
+    if status > layout.ENDED:
+        msg = f"work: {layout.MESSAGES[status]}"
         raise SimulationError(msg)
     return values[-2:].T
 
@@ -98,15 +98,17 @@ def _at(plant: Plant, lanes: Array, part: float, duration: float) -> tuple[Array
     moved[jets] *= np.tile(part ** np.arange(support.terms), 2)[:, None]
     push, shake = moved[jets].reshape(2, support.terms, lanes.shape[1]).sum(axis=1)
     for j, ground in enumerate(support.ground):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        turn = lanes[harmonic + at.FREQUENCY] * (part * duration)
-        sine = lanes[harmonic + at.SINE] * np.cos(turn) + lanes[harmonic + at.COSINE] * np.sin(turn)
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
+        turn = lanes[harmonic + layout.FREQUENCY] * (part * duration)
+        sine = lanes[harmonic + layout.SINE] * np.cos(turn) + lanes[
+            harmonic + layout.COSINE
+        ] * np.sin(turn)
         exciting = shake if ground else push
-        exciting += lanes[harmonic + at.AMPLITUDE] * sine
+        exciting += lanes[harmonic + layout.AMPLITUDE] * sine
     shorter = plant.at_interval(part * duration)
     status = plant.entries.propagate(shorter.model, moved, 0, moved.shape[1])
-    if status > at.ENDED:
-        msg = f"work: {at.MESSAGES[status]}"
+    if status > layout.ENDED:
+        msg = f"work: {layout.MESSAGES[status]}"
         raise SimulationError(msg)
     return moved[support.state_rows].T, push, shake
 
@@ -116,5 +118,5 @@ def _powers(plant: Plant, p: Array, state: Array, push: Array, shake: Array) -> 
     support = plant.support
     v1, v2 = state[:, 2], state[:, 3]
     link = interface_force(support, p, state)
-    given = push * v1 - shake * (p[at.M1] * v1 + p[at.M2] * v2)
-    return np.column_stack([p[at.D] * v1**2 + link * (v2 - v1), given])
+    given = push * v1 - shake * (p[layout.M1] * v1 + p[layout.M2] * v2)
+    return np.column_stack([p[layout.D] * v1**2 + link * (v2 - v1), given])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import kernel
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law.springs import stiffness
 from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 from mm_gym.simulation.energy import precise_integration_kernel as precise
@@ -37,16 +37,16 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
     work
         (n, 2) written [J].
     """
-    harmonics, terms = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS])
-    h = model[at.SAMPLE_INTERVAL]
-    n, friction = piecewise.size_of(harmonics, terms), p[at.VR] > 0.0
+    harmonics, terms = int(model[layout.HARMONIC_COUNT]), int(model[layout.TERMS])
+    h = model[layout.SAMPLE_INTERVAL]
+    n, friction = piecewise.size_of(harmonics, terms), p[layout.VR] > 0.0
     regimes = 2 if friction else 1
     levels, forms = np.zeros((regimes, 1, n, n)), np.zeros((regimes, 2, 1, n, n))
     rows, y = np.zeros((regimes, 2, n)), np.empty(n)
-    k2, share, damped = -1.0, piecewise.force_share(model, p), int(model[at.DAMPED])
+    k2, share, damped = -1.0, piecewise.force_share(model, p), int(model[layout.DAMPED])
     p = p.copy()
     for i in range(states.shape[0]):
-        present = stiffness(p[at.K0], applied[i, 1])
+        present = stiffness(p[layout.K0], applied[i, 1])
         changes = present != k2
         if damped > 0:
             changes |= p[damped] != applied[i, 2]
@@ -57,7 +57,7 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
             if friction:
                 depth = max(depth, piecewise.FINEST)
                 if depth > piecewise.DEEPEST:
-                    return at.TOO_MANY_EVENTS
+                    return layout.TOO_MANY_EVENTS
             levels = np.zeros((regimes, depth + 1, n, n))
             forms = np.zeros((regimes, 2, depth + 1, n, n))
             for k in range(regimes):
@@ -66,21 +66,21 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
         z = piecewise.start(p, states[i], force, harmonics, times[i], jets[i])
         if friction:
             status = _walk(p, k2, model, duration, levels, forms, rows, z, y, work[i])
-            if status != at.OK:
+            if status != layout.OK:
                 return status
         else:
             for quantity in range(2):
                 work[i, quantity] = piecewise.quadratic(forms[0, quantity, 0], z)
-    return at.OK
+    return layout.OK
 
 
 @kernel
 def _prepare(p, k2, model, duration, in_slip, levels, forms, rows):
     """Write one regime's levels, its integrals of both energy rates, and its slip rows."""
-    harmonics, ground = int(model[at.HARMONIC_COUNT]), int(model[at.GROUND])
-    terms = int(model[at.TERMS])
-    a = piecewise.generator(p, k2, harmonics, ground, terms, model[at.SAMPLE_INTERVAL], in_slip)
-    if model[at.BETWEEN] > 0.0:  # both masses together feel nothing of the force
+    harmonics, ground = int(model[layout.HARMONIC_COUNT]), int(model[layout.GROUND])
+    terms = int(model[layout.TERMS])
+    a = piecewise.generator(p, k2, harmonics, ground, terms, model[layout.SAMPLE_INTERVAL], in_slip)
+    if model[layout.BETWEEN] > 0.0:  # both masses together feel nothing of the force
         a[piecewise.COMMON, piecewise.FORCE] = 0.0
     precise.double_up(a, duration, levels)
     piecewise.slip_rows(a, rows)
@@ -97,14 +97,14 @@ def _weigh(p, harmonics, ground, terms, in_slip, weights):
     d v1^2 + f w, and p v1 - a_g (m1 v1 + m2 v2).
     """
     n = weights.shape[1]
-    m1, m2, vr = piecewise.carriage_mass(p), p[at.M2], p[at.VR] if in_slip else 0.0
+    m1, m2, vr = piecewise.carriage_mass(p), p[layout.M2], p[layout.VR] if in_slip else 0.0
     part = m2 / (m1 + m2)
     v1, w, f = np.zeros(n), np.zeros(n), np.zeros(n)
     v1[piecewise.COMMON], v1[piecewise.SLIP], v1[piecewise.SIGN] = 1.0, -part, -part * vr
     w[piecewise.SLIP], w[piecewise.SIGN] = 1.0, vr
-    f[piecewise.SLIP] = p[at.CHI] if in_slip else p[at.C]
-    f[piecewise.SIGN] = p[at.KINETIC_FORCE] if in_slip else 0.0
-    _add_outer(weights[DISSIPATED], p[at.D], v1, v1)
+    f[piecewise.SLIP] = p[layout.CHI] if in_slip else p[layout.C]
+    f[piecewise.SIGN] = p[layout.KINETIC_FORCE] if in_slip else 0.0
+    _add_outer(weights[DISSIPATED], p[layout.D], v1, v1)
     _add_outer(weights[DISSIPATED], 1.0, f, w)
     common = np.zeros(n)
     common[piecewise.COMMON] = 1.0
@@ -134,9 +134,9 @@ def _add_outer(weight, factor, a, b):
 @kernel
 def _walk(p, k2, model, duration, levels, forms, rows, z, y, work):
     """Add up both energy rates over one step, interval by interval between changes of regime."""
-    harmonics, ground = int(model[at.HARMONIC_COUNT]), int(model[at.GROUND])
-    terms = int(model[at.TERMS])
-    depth, h = levels.shape[1] - 1, model[at.SAMPLE_INTERVAL]
+    harmonics, ground = int(model[layout.HARMONIC_COUNT]), int(model[layout.GROUND])
+    terms = int(model[layout.TERMS])
+    depth, h = levels.shape[1] - 1, model[layout.SAMPLE_INTERVAL]
     bounds, before = np.empty((2, 2)), np.empty(z.shape[0])
     for regime in range(2):
         bounds[regime, 0], bounds[regime, 1] = piecewise.bound_motion(
@@ -148,7 +148,7 @@ def _walk(p, k2, model, duration, levels, forms, rows, z, y, work):
         regime = 0 if z[piecewise.SIGN] == 0.0 else 1
         for k in range(z.shape[0]):
             before[k] = z[k]
-        if not piecewise.attempt(p[at.VR], levels, rows, bounds, z, y, level, duration):
+        if not piecewise.attempt(p[layout.VR], levels, rows, bounds, z, y, level, duration):
             level += 1
             continue
         for quantity in range(2):
@@ -156,5 +156,5 @@ def _walk(p, k2, model, duration, levels, forms, rows, z, y, work):
         position += 1 << (depth - level)
         level = piecewise.next_level(position, level, depth)
         if position == end:
-            return at.OK
-    return at.TOO_MANY_EVENTS
+            return layout.OK
+    return layout.TOO_MANY_EVENTS

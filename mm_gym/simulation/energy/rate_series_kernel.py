@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.sources import is_excited
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.lanes.tangents import value_of
 from mm_gym.sensitivity.series_kernel import FORCE, GROUND, LANE, SLIP, SLOPE, V1, W, propagating
 
@@ -24,7 +24,11 @@ def _add_work(model, lanes, i, c, series):
     d v1^2 + f w, and p v1 - a_g (m1 v1 + m2 v2), the terms of (11) of docs/model.md.
     """
     (unit, theta, order), excited, last = series, is_excited(model), lanes.shape[0] - 1
-    m1, m2, d = value_of(c[LANE + at.M1]), value_of(c[LANE + at.M2]), value_of(c[LANE + at.D])
+    m1, m2, d = (
+        value_of(c[LANE + layout.M1]),
+        value_of(c[LANE + layout.M2]),
+        value_of(c[LANE + layout.D]),
+    )
     slope, constant = m1 * value_of(c[SLOPE]), m1 * value_of(c[SLIP])
     power = unit
     for n in range(order + 1):

@@ -27,7 +27,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
-from mm_gym.lanes import layout as at
+from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring, springs
 from mm_gym.simulation.energy import quadrature, rate_kernel
 from mm_gym.simulation.recording import jets_over, pieces, stops_at_corners
@@ -82,21 +82,23 @@ class Work:
 def mechanical_energy(p: Array, state: Array, stretch: Array) -> Array:
     """Return kinetic and elastic energy (n,) [J] of states (n, 4), eq. 9 of docs/model.md."""
     x1, x2, v1, v2 = state.T
-    carriage = plain(carriage_spring.carriage_energy)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
+    carriage = plain(carriage_spring.carriage_energy)(
+        p[layout.K1], p[layout.ALPHA], p[layout.BETA], x1
+    )
     springs = spring_energy(p, x2 - x1, stretch)
-    return 0.5 * (p[at.M1] * v1**2 + p[at.M2] * v2**2) + carriage + springs
+    return 0.5 * (p[layout.M1] * v1**2 + p[layout.M2] * v2**2) + carriage + springs
 
 
 def gross_energy(p: Array, state: Array, stretch: Array) -> Array:
     """Return the energies (n,) [J] of `mechanical_energy` added up by their magnitudes."""
     q = p.copy()
-    q[[at.ALPHA, at.BETA]] = np.abs(p[[at.ALPHA, at.BETA]])
+    q[[layout.ALPHA, layout.BETA]] = np.abs(p[[layout.ALPHA, layout.BETA]])
     return mechanical_energy(q, state, stretch)
 
 
 def spring_energy(p: Array, offset: Array, stretch: Array) -> Array:
     """Return the energy (n,) [J] of the sphere's springs in excess of the centred sphere's."""
-    return plain(springs.spring_energy)(p[at.K0], p[at.L0], stretch, offset)
+    return plain(springs.spring_energy)(p[layout.K0], p[layout.L0], stretch, offset)
 
 
 def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> Work:
@@ -122,7 +124,7 @@ def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> 
     totals -= totals[0].copy()
     scale = energy[0] + (throughput - throughput[0]).sum(axis=1)
     p, stretch = recording.parameters, recording.applied[np.minimum(place.row, recording.last), 1]
-    if min(p[at.ALPHA], p[at.BETA]) < 0.0:  # energies of both signs cancel
+    if min(p[layout.ALPHA], p[layout.BETA]) < 0.0:  # energies of both signs cancel
         scale += np.maximum.accumulate(gross_energy(p, state[:, :4], stretch)) - energy[0]
     control, change, dissipated, disturbance = totals.T
     return Work(control, change, disturbance, dissipated, scale)
@@ -164,7 +166,7 @@ def energy_jumps(recording: Recording, steps: int) -> Array:
         first = slice(inner.stop)
         after, before = recording.starts[first], recording.states[first]
         impulse = after[:, 2:4] ** 2 - before[:, 2:4] ** 2
-        jumps[first, DISTURBANCE] = 0.5 * impulse @ p[[at.M1, at.M2]]
+        jumps[first, DISTURBANCE] = 0.5 * impulse @ p[[layout.M1, layout.M2]]
     return jumps
 
 
@@ -185,7 +187,7 @@ def _integrals(recording: Recording, rows: NDArray[np.intp], duration: float) ->
 def _piecewise(recording: Recording, row: int, duration: float) -> Array:
     """Return both energies (2,) over the beginning of a sample interval, piece by piece."""
     total, support, applied = np.zeros(2), recording.plant.support, recording.applied[[row]]
-    masses = recording.parameters[[at.M1, at.M2]]
+    masses = recording.parameters[[layout.M1, layout.M2]]
     impulses = {time: jump for time, *jump in recording.impulses_of(row).tolist()}
     for elapsed, length, lane in pieces(recording, row, duration):
         if elapsed in impulses:
@@ -203,16 +205,16 @@ def _integrate(recording: Recording, start: tuple[Array, ...], duration: float) 
     if recording.plant.support.is_general:
         return quadrature.integrals(recording, start, duration)
     p = recording.parameters
-    nonlinear = p[at.BETA] != 0.0 or p[at.L0] > 0.0
+    nonlinear = p[layout.BETA] != 0.0 or p[layout.L0] > 0.0
     # The exact forms bound the motion between kinks by an energy, which has no lower bound here.
-    unbounded = p[at.ALPHA] < 0.0 and p[at.VR] > 0.0
+    unbounded = p[layout.ALPHA] < 0.0 and p[layout.VR] > 0.0
     # At a corner of a record the energy rate has a kink: series, whose pieces begin there.
     if nonlinear or unbounded or stops_at_corners(recording.plant):
         return quadrature.integrals_by_series(recording, start, duration)
-    work, model = np.zeros((len(start[0]), 2)), recording.plant.model[: at.MODEL_OWN].copy()
-    model[at.SAMPLE_INTERVAL] = duration
+    work, model = np.zeros((len(start[0]), 2)), recording.plant.model[: layout.MODEL_OWN].copy()
+    model[layout.SAMPLE_INTERVAL] = duration
     status = rate_kernel.step_integrals(p, model, *start, duration, work)
-    if status > at.ENDED:
-        msg = f"work: {at.MESSAGES[status]}"
+    if status > layout.ENDED:
+        msg = f"work: {layout.MESSAGES[status]}"
         raise SimulationError(msg)
     return work
