@@ -227,7 +227,9 @@ class Plant:
             If the carriage has no mass.
         """
         return state_space_of(
-            self,
+            self.support,
+            self.task,
+            (self.observed, self.delay),
             self.actuators if inputs is None else inputs,
             self.channels if outputs is None else outputs,
             sampled=sampled,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.methods.support import Support
-    from mm_gym.plant.plant import Plant
+    from mm_gym.plant.task import Observed
 
     Array = NDArray[np.float64]
 
@@ -42,7 +42,18 @@ INPUTS = {
 """Inputs and their units."""
 
 STATES = {"x1": "m", "x2": "m", "v1": "m/s", "v2": "m/s"}
-FORCE, STRETCH, DAMPING, VOLTAGE, DISTURBANCE, GROUND, ONE = range(len(DRIVERS))
+DISTURBANCE, GROUND, ONE = (DRIVERS.index(name) for name in ("disturbance", "ground", "one"))
+
+FIXED = 4 + len(DRIVERS)
+"""States of a whole system before its sources: the motion, and the drivers, which are held."""
+
+LAG_FACTORS = {
+    "force": layout.FORCE_LAG_FACTOR,
+    "stretch": layout.STRETCH_LAG_FACTOR,
+    "damping": layout.DAMPING_LAG_FACTOR,
+    "voltage": layout.DAMPING_LAG_FACTOR,
+}
+"""Actuator -> its slot of the task."""
 
 SEES: dict[str, tuple[str, ...]] = {
     "force": ("carriage_acceleration", "applied_force"),
@@ -211,54 +222,43 @@ def _generator(own: Array, order: int, *, passes_velocity: bool) -> Array:
 
 @dataclass(frozen=True)
 class Parts:
-    """What a linear system is assembled from.
+    """What a linear system is assembled from: its motion about a point, what excites, and names."""
 
-    Attributes
-    ----------
-    plant, row
-        The plant, and the lane (rows,) at the point.
-    tangent
-        The motion about the point.
-    sources, impulses
-        What excites.
-    inputs, outputs
-        Names.
-    sampled
-        Whether it is the map of a control step.
-    """
-
-    plant: Plant
-    row: Array
+    support: Support
+    task: Array
+    row: Array  # (rows,) the lane at the point
     tangent: Tangent
     sources: list[Source]
     impulses: list[RandomImpulses]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    sampled: bool
+    sampled: bool  # whether it is the map of a control step
 
     @property
-    def placed(self) -> list[tuple[slice, Source]]:
-        """The sources and their states."""
-        first = 4 + len(self.held)
+    def time_step(self) -> float:
+        """The control step [s]."""
+        return float(self.task[layout.TIME_STEP])
+
+    @property
+    def drivers(self) -> Array:
+        """(4, 7): see `Tangent.drivers`."""
+        return self.tangent.drivers.astype(np.float64)
+
+    def placed(self, first: int) -> list[tuple[slice, Source]]:
+        """Return the sources and their states, whose first is given."""
         ends = (first + np.cumsum([len(source.output) for source in self.sources])).tolist()
         return list(zip(map(slice, [first, *ends], ends), self.sources, strict=False))
 
     @property
     def lags(self) -> dict[str, float]:
         """Actuator -> the fraction of the way to a command that it goes in a control step [-]."""
-        task = self.plant.task
-        of_device = float(task[layout.DAMPING_LAG_FACTOR])
-        force, stretch = (
-            float(task[layout.FORCE_LAG_FACTOR]),
-            float(task[layout.STRETCH_LAG_FACTOR]),
-        )
-        return {"force": force, "stretch": stretch, "damping": of_device, "voltage": of_device}
+        return {name: float(self.task[slot]) for name, slot in LAG_FACTORS.items()}
 
     @property
     def held(self) -> tuple[str, ...]:
         """Actuators that need a state: with lag, or seen while held."""
         sees = dict(SEES)
-        if self.plant.support.is_between:
+        if self.support.is_between:
             sees["force"] = (*sees["force"], "sphere_acceleration")
         return tuple(
             name
@@ -280,15 +280,9 @@ class Parts:
         return Signal(name, INPUTS[name], point)
 
 
-def sensor_noise(parts: Parts) -> Array:
-    """Return the covariance (p, p) of the sensors' noise."""
-    noise = {channel.name: channel.noise for channel in parts.plant.observed}
-    return np.diag([noise.get(name, 0.0) ** 2 for name in parts.outputs])
-
-
-def outputs_of(parts: Parts) -> tuple[Array, Array, tuple[Signal, ...]]:
+def _outputs_of(parts: Parts) -> tuple[Array, Array, tuple[Signal, ...]]:
     """Return C, D and the outputs, all at the same instant."""
-    count, drivers = len(parts.names), parts.tangent.drivers.astype(np.float64)
+    count = len(parts.names)
     c, d = np.zeros((len(parts.outputs), count)), np.zeros((len(parts.outputs), len(parts.inputs)))
     signals: list[Signal] = []
     # What each driver is, in terms of states and inputs.
@@ -298,11 +292,11 @@ def outputs_of(parts: Parts) -> tuple[Array, Array, tuple[Signal, ...]]:
     for k, name in enumerate(parts.inputs):
         if name not in parts.held:
             driven[name][1][k] = 1.0
-    for own, source in parts.placed:
+    for own, source in parts.placed(4 + len(parts.held)):
         output = source.sampled_output if parts.sampled else source.output
         driven[DRIVERS[source.driver]][0][own] = output
     for k, name in enumerate(parts.outputs):
-        motion, weights, point = _output(parts, drivers, name)
+        motion, weights, point = _output(parts, name)
         c[k, :4] = motion
         for driver, weight in weights.items():
             c[k] += weight * driven[driver][0]
@@ -312,7 +306,7 @@ def outputs_of(parts: Parts) -> tuple[Array, Array, tuple[Signal, ...]]:
     return c, d, tuple(signals)
 
 
-def _output(parts: Parts, drivers: Array, name: str) -> tuple[Array, dict[str, float], float]:
+def _output(parts: Parts, name: str) -> tuple[Array, dict[str, float], float]:
     """Return an output's slopes over x1, x2, v1, v2 and over drivers, and its point."""
     motion, row = np.zeros(4), parts.row
     if name in STATES:
@@ -331,8 +325,8 @@ def _output(parts: Parts, drivers: Array, name: str) -> tuple[Array, dict[str, f
         k = 2 if name == "carriage_acceleration" else 3
         motion = parts.tangent.a.astype(np.float64)[k]
         # Absolute, so without the ground's own acceleration.
-        weights = {driver: float(drivers[k, DRIVERS.index(driver)]) for driver in ABSOLUTE}
-        return motion, weights, float(drivers[k, ONE])
+        slopes = dict(zip(DRIVERS, parts.drivers[k].tolist(), strict=True))
+        return motion, {driver: slopes[driver] for driver in ABSOLUTE}, slopes["one"]
     over_offset, over_stretch = parts.tangent.spring
     if name == "spring_force":
         return (
@@ -344,7 +338,9 @@ def _output(parts: Parts, drivers: Array, name: str) -> tuple[Array, dict[str, f
 
 
 def state_space_of(
-    plant: Plant,
+    support: Support,
+    task: Array,
+    sensors: tuple[Sequence[Observed], int],
     inputs: Sequence[str],
     outputs: Sequence[str],
     *,
@@ -352,21 +348,32 @@ def state_space_of(
     at: Mapping[str, float] | ArrayLike | None,
     about: ArrayLike | None,
 ) -> LinearSystem:
-    """Return a plant as a linear system; see `mm_gym.plant.plant.Plant.state_space`."""
+    """Return a plant as a linear system, see `Plant.state_space`; of sensors the delay is last."""
     asked_inputs = _names("inputs", inputs, INPUTS)
     asked_outputs = _names("outputs", outputs, {**CHANNELS, **STATES})
-    row = lane_at(plant.support, at, about)
+    row = lane_at(support, at, about)
     parts = Parts(
-        plant=plant,
+        support=support,
+        task=task,
         row=row,
-        tangent=tangent(plant.support, row),
-        sources=sources_of(plant.support, row),
-        impulses=random_impulses(plant.support, row),
+        tangent=tangent(support, row),
+        sources=sources_of(support, row),
+        impulses=random_impulses(support, row),
         inputs=asked_inputs,
         outputs=asked_outputs,
         sampled=sampled,
     )
-    return _sampled(parts) if sampled else _continuous(parts)
+    observed, delay = sensors
+    noise = {channel.name: channel.noise for channel in observed}
+    # A continuous system has the intensity of the same effect.
+    covariance = np.diag([noise.get(name, 0.0) ** 2 for name in asked_outputs])
+    late = parts.time_step * delay * np.array([name in CHANNELS for name in asked_outputs])
+    return LinearSystem(
+        *_matrices(parts, delay if sampled else 0),
+        sensor_noise=covariance if sampled else parts.time_step * covariance,
+        time_step=parts.time_step if sampled else None,
+        dead_time=np.zeros(len(asked_outputs)) if sampled else late,
+    )
 
 
 def _names(what: str, given: Sequence[str], allowed: Mapping[str, object]) -> tuple[str, ...]:
@@ -383,69 +390,81 @@ def _names(what: str, given: Sequence[str], allowed: Mapping[str, object]) -> tu
     return names
 
 
-def _continuous(parts: Parts) -> LinearSystem:
-    states, inputs = parts.names, parts.inputs
-    a, b = np.zeros((len(states), len(states))), np.zeros((len(states), len(inputs)))
-    drivers = parts.tangent.drivers.astype(np.float64)
-    a[:4, :4] = parts.tangent.a.astype(np.float64)
-    for k, name in enumerate(parts.held):
-        lag = -parts.plant.time_step / np.log1p(-parts.lags[name])
-        a[:4, 4 + k] = drivers[:, DRIVERS.index(name)]
-        a[4 + k, 4 + k], b[4 + k, inputs.index(name)] = -1.0 / lag, 1.0 / lag
+def _matrices(parts: Parts, delay: int) -> tuple[Any, ...]:
+    """Return the fields of the system up to its process noise; a delay has states behind all."""
+    a, b, drift, noise = _motion(parts)
+    c, d, signals = _outputs_of(parts)
+    states, size = parts.names, len(a)
+    late = [k for k, name in enumerate(parts.outputs) if name in CHANNELS and delay]
+    count = len(late)
+    more = count * delay
+    a, noise, drift = np.pad(a, (0, more)), np.pad(noise, (0, more)), np.pad(drift, (0, more))
+    b, c = np.pad(b, ((0, more), (0, 0))), np.pad(c, ((0, 0), (0, more)))
+    for age in range(1, delay + 1):
+        own = slice(size + count * (age - 1), size + count * age)
+        if age == 1:
+            a[own], b[own] = c[late], d[late]
+        else:
+            a[own, own.start - count : own.start] = np.eye(count)
+        states += [Signal(f"{signals[k].name}[-{age}]", *signals[k][1:]) for k in late]
+    if late:
+        c[late], d[late] = 0.0, 0.0
+        c[late, np.arange(size + more - count, size + more)] = 1.0
+    inputs = tuple(parts.input_signal(name) for name in parts.inputs)
+    return a, b, c, d, tuple(states), inputs, signals, drift, noise
+
+
+def _motion(parts: Parts) -> tuple[Array, Array, Array, Array]:
+    """Return A, B, drift and process noise of motion, actuators and sources."""
+    whole, noise, mean = _step(parts) if parts.sampled else _rates(parts)
+    held, inputs, size = parts.held, parts.inputs, len(parts.names)
+    order = np.array([*range(4), *range(4 + len(held), size)])
+    kept = [*range(4), *range(FIXED, len(whole))]
+    a, b, drift = np.zeros((size, size)), np.zeros((size, len(inputs))), np.zeros(size)
+    process = np.zeros((size, size))
+    a[np.ix_(order, order)] = whole[np.ix_(kept, kept)]
+    process[np.ix_(order, order)], drift[order] = noise[np.ix_(kept, kept)], mean[kept]
     for k, name in enumerate(inputs):
-        if name not in parts.held:
-            b[:4, k] = drivers[:, DRIVERS.index(name)]
-    noise = np.zeros_like(a)
-    for own, source in parts.placed:
-        a[:4, own] = np.outer(drivers[:, source.driver], source.output)
-        a[own, own], noise[own, own] = source.generator, source.intensity
-    drift = np.zeros(len(states))
-    drift[:4] = drivers[:, ONE]
+        column, fraction = whole[:4, 4 + DRIVERS.index(name)], parts.lags.get(name, 1.0)
+        at_once = fraction if parts.sampled else float(name not in held)
+        b[:4, k] = at_once * column
+        if name not in held:
+            continue
+        row = 4 + held.index(name)
+        a[:4, row] = (1.0 - at_once) * column
+        if parts.sampled:
+            a[row, row], b[row, k] = 1.0 - fraction, fraction
+        else:
+            lag = -parts.time_step / np.log1p(-fraction)
+            a[row, row], b[row, k] = -1.0 / lag, 1.0 / lag
+    return a, b, drift, process
+
+
+def _rates(parts: Parts) -> tuple[Array, Array, Array]:
+    """Return the generator, the intensity of white noise and the drift; states as `_interval`'s."""
+    total, drivers = parts.placed(FIXED)[-1][0].stop if parts.sources else FIXED, parts.drivers
+    whole, noise = np.zeros((total, total)), np.zeros((total, total))
+    whole[:4, :4], whole[:4, 4:FIXED] = parts.tangent.a, drivers
+    for own, source in parts.placed(FIXED):
+        whole[:4, own] = np.outer(drivers[:, source.driver], source.output)
+        whole[own, own], noise[own, own] = source.generator, source.intensity
+    drift = whole[:, 4 + ONE].copy()
     for impulse in parts.impulses:
         kick = drivers[:, impulse.driver]
         noise[:4, :4] += impulse.rate * impulse.square * np.outer(kick, kick)
         drift[:4] += impulse.rate * impulse.mean * kick
-    c, d, signals = outputs_of(parts)
-    return LinearSystem(
-        *(a, b, c, d, tuple(states), tuple(parts.input_signal(name) for name in inputs), signals),
-        drift=drift,
-        process_noise=noise,
-        sensor_noise=parts.plant.time_step * sensor_noise(parts),
-        time_step=None,
-        dead_time=np.array(
-            [parts.plant.delay * parts.plant.time_step * (n in CHANNELS) for n in parts.outputs]
-        ),
-    )
+    return whole, noise, drift
 
 
-def _sampled(parts: Parts) -> LinearSystem:
-    """Return the map of a control step, with the delay's states behind all others."""
+def _step(parts: Parts) -> tuple[Array, Array, Array]:
+    """Return the map of a control step, the covariance that it adds, and the drift."""
     step, spread, kicks = _interval(parts)
-    size, count = len(step), parts.plant.support.intervals_per_step
-    whole, noise, mean = np.eye(size), np.zeros((size, size)), np.zeros(size)
-    for _ in range(count):
+    whole, noise, mean = np.eye(len(step)), np.zeros_like(step), np.zeros(len(step))
+    for _ in range(parts.support.intervals_per_step):
         noise = step @ noise @ step.T + spread
         mean = step @ mean + kicks
         whole = step @ whole
-    fixed = 4 + len(DRIVERS)  # motion and drivers; the sources stand behind them
-    kept = [*range(4), *range(fixed, size)]
-    held = len(parts.held)
-    order = np.array([*range(4), *range(4 + held, 4 + held + size - fixed)])
-    states, inputs = parts.names, parts.inputs
-    a, b = np.zeros((len(states), len(states))), np.zeros((len(states), len(inputs)))
-    a[np.ix_(order, order)] = whole[np.ix_(kept, kept)]
-    drift, process = np.zeros(len(states)), np.zeros_like(a)
-    drift[order] = (whole[:, 4 + ONE] + mean)[kept]
-    process[np.ix_(order, order)] = noise[np.ix_(kept, kept)]
-    for k, name in enumerate(inputs):
-        column = whole[:4, 4 + DRIVERS.index(name)]
-        fraction = parts.lags.get(name, 1.0)
-        b[:4, k] = fraction * column
-        if name in parts.held:
-            row = 4 + parts.held.index(name)
-            b[row, k], a[row, row] = fraction, 1.0 - fraction
-            a[:4, row] = (1.0 - fraction) * column
-    return _delayed(parts, a, b, drift, process)
+    return whole, noise, whole[:, 4 + ONE] + mean
 
 
 def _interval(parts: Parts) -> tuple[Array, Array, Array]:
@@ -453,29 +472,27 @@ def _interval(parts: Parts) -> tuple[Array, Array, Array]:
 
     The states are x1, x2, v1, v2, then `DRIVERS`, which are held, then the sources.
     """
-    fixed, interval = 4 + len(DRIVERS), parts.plant.support.sample_interval
+    interval = parts.support.sample_interval
     harmonics = [source for source in parts.sources if not source.is_random]
-    size = fixed + 2 + 2 * len(harmonics)  # two ramps: of the disturbance and of the ground
+    size = FIXED + 2 + 2 * len(harmonics)  # two ramps: of the disturbance and of the ground
     generator = np.full((size, size), Decimal(0))
-    generator[:4, :4], generator[:4, 4:fixed] = parts.tangent.a, parts.tangent.drivers
+    generator[:4, :4], generator[:4, 4:FIXED] = parts.tangent.a, parts.tangent.drivers
     for ramp, driver in enumerate((DISTURBANCE, GROUND)):
-        generator[4 + driver, fixed + ramp] = 1 / Decimal(interval)
+        generator[4 + driver, FIXED + ramp] = 1 / Decimal(interval)
     for k, source in enumerate(harmonics):
-        own = slice(fixed + 2 + 2 * k, fixed + 4 + 2 * k)
+        own = slice(FIXED + 2 + 2 * k, FIXED + 4 + 2 * k)
         driver = parts.tangent.drivers[:, source.driver]
         generator[:4, own] = np.outer(driver, decimals(source.output[None])[0])
         generator[own, own] = decimals(source.generator)
     moved = exponential(generator, interval)
-    total = fixed + sum(len(source.output) for source in parts.sources)
+    total = FIXED + sum(len(source.output) for source in parts.sources)
     step, spread, mean = np.zeros((total, total)), np.zeros((total, total)), np.zeros(total)
-    kept = [*range(fixed), *range(fixed + 2, size)]
+    kept = [*range(FIXED), *range(FIXED + 2, size)]
     step[: size - 2, : size - 2] = moved[np.ix_(kept, kept)]
-    step[4:fixed, 4:fixed] = np.eye(len(DRIVERS))
-    first = size - 2
-    for source in parts.sources[len(harmonics) :]:
-        own = slice(first, first + len(source.transition))
+    step[4:FIXED, 4:FIXED] = np.eye(len(DRIVERS))
+    for own, source in parts.placed(FIXED)[len(harmonics) :]:
         hold = moved[:4, 4 + source.driver]
-        ramp = moved[:4, fixed + int(source.driver == GROUND)]
+        ramp = moved[:4, FIXED + int(source.driver == GROUND)]
         now, then = source.sampled_output, source.sampled_output @ source.transition
         step[:4, own] = np.outer(hold, now) + np.outer(ramp, then - now)
         step[own, own] = source.transition
@@ -483,10 +500,8 @@ def _interval(parts: Parts) -> tuple[Array, Array, Array]:
         root[:4] = np.outer(ramp, source.sampled_output @ source.spread)
         root[own] = source.spread
         spread += root @ root.T
-        first = own.stop
-    drivers = parts.tangent.drivers.astype(np.float64)
     for impulse in parts.impulses:
-        kicks = _spread_of_kicks(parts.tangent.a, drivers[:, impulse.driver], interval)
+        kicks = _spread_of_kicks(parts.tangent.a, parts.drivers[:, impulse.driver], interval)
         spread[:4, :4] += impulse.rate * impulse.square * kicks
         mean[:4] += impulse.rate * impulse.mean * moved[:4, 4 + impulse.driver]
     return step, spread, mean
@@ -508,38 +523,3 @@ def _spread_of_kicks(a: NDArray[np.object_], kick: Array, duration: float) -> Ar
         spread += transition @ spread @ transition.T
         transition = transition @ transition
     return spread
-
-
-def _delayed(parts: Parts, a: Array, b: Array, drift: Array, noise: Array) -> LinearSystem:
-    """Return the sampled system; late channels are shifted through states."""
-    delay, states, inputs = parts.plant.delay, parts.names, parts.inputs
-    c, d, signals = outputs_of(parts)
-    late = [k for k, name in enumerate(parts.outputs) if name in CHANNELS and delay]
-    size, count = len(states), len(late)
-    total = size + count * delay
-
-    def grown(matrix: Array, rows: int, columns: int) -> Array:
-        larger = np.zeros((rows, columns))
-        larger[: matrix.shape[0], : matrix.shape[1]] = matrix
-        return larger
-
-    a, noise = grown(a, total, total), grown(noise, total, total)
-    b, c, d = grown(b, total, len(inputs)), grown(c, len(c), total), d.copy()
-    for age in range(1, delay + 1):
-        own = slice(size + count * (age - 1), size + count * age)
-        if age == 1:
-            a[own], b[own] = c[late], d[late]
-        else:
-            a[own, own.start - count : own.start] = np.eye(count)
-        states += [Signal(f"{signals[k].name}[-{age}]", *signals[k][1:]) for k in late]
-    if late:
-        c[late], d[late] = 0.0, 0.0
-        c[late, np.arange(total - count, total)] = 1.0
-    return LinearSystem(
-        *(a, b, c, d, tuple(states), tuple(parts.input_signal(name) for name in inputs), signals),
-        drift=np.append(drift, np.zeros(total - size)),
-        process_noise=noise,
-        sensor_noise=sensor_noise(parts),
-        time_step=parts.plant.time_step,
-        dead_time=np.zeros(len(parts.outputs)),
-    )
