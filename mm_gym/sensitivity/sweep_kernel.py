@@ -43,104 +43,100 @@ def sweep(trajectory, actuators, weights, effort, stiffness, change, gain):
     motion, states, controls, squared = trajectory
     k = controls.shape[1]
     n = motion.shape[1] + k
-    matrices, vectors = np.zeros((4, n, n)), np.zeros((2, n))
-    by_control, of_control = np.zeros((2, n, k)), np.zeros((k, 2 * n + k + 4))
+    # The cost to come after a step, curvature and slope; the step's derivatives over states and
+    # controls; the cost over those, and what it has on the way.
+    cost, step = np.zeros((n, n + 1)), np.zeros((n, n + k))
+    expanded, moved = np.zeros((n + k, n + k + 1)), np.zeros((n, n + k + 1))
+    # Of each control the change, behind its changes per change of the states.
+    found, bounds = np.zeros((k, n + 1)), np.zeros((k, 2))
+    gains, inputs, slope = found[:, :n], expanded[:, n : n + k], expanded[:, n + k :]
     for lane in range(states.shape[2]):
-        matrices[:] = 0.0
-        vectors[:] = 0.0
+        cost[:] = 0.0
         for m in range(controls.shape[0] - 1, -1, -1):
-            _add_cost(matrices[0], vectors[0], states, weights, m + 1, lane)
-            _add_squares(matrices[0], vectors[0], squared, m, lane)
-            _linearise(motion, actuators, matrices[1], by_control[0], m, lane)
-            _expand(matrices, vectors[0], by_control, of_control)
+            _add_cost(cost, states, weights, m + 1, lane)
+            _add_squares(cost, squared, m, lane)
+            _linearise(motion, actuators, step, m, lane)
+            moved[:] = 0.0
+            expanded[:] = 0.0
+            _add_product(moved, cost[:, :n], step)
+            for row in range(n):
+                moved[row, n + k] = cost[row, n]
+            _add_product(expanded, step.T, moved)
             for j in range(k):
-                of_control[j, n + j] += 2.0 * effort + stiffness[lane]
-                of_control[j, n + k] += 2.0 * effort * controls[m, j, lane]
-                _bound(actuators, states, controls, of_control[j, n + k + 1 :], m, j, lane)
-            _minimise(of_control, n)
-            _hold_limits(actuators, controls, of_control, n, m, lane)
-            _step_back(matrices, vectors, of_control)
+                expanded[n + j, n + j] += 2.0 * effort + stiffness[lane]
+                expanded[n + j, n + k] += 2.0 * effort * controls[m, j, lane]
+                _bound(actuators, states, controls, bounds[j], m, j, lane)
+            _minimise(expanded[n:], bounds, found)
+            _hold_limits(actuators, controls, bounds, found, m, lane)
             for j in range(k):
-                change[m, j, lane] = of_control[j, n + k + 3]
+                change[m, j, lane] = found[j, n]
                 for i in range(n):
-                    gain[m, j, i, lane] = of_control[j, n + k + 4 + i]
+                    gain[m, j, i, lane] = found[j, i]
+            _add_product(expanded[:, :n], inputs, gains)
+            _add_product(slope, inputs, found[:, n:])
+            _add_product(expanded[:n, :n], gains.T, expanded[n:, :n])
+            _add_product(slope[:n], gains.T, slope[n:])
+            for row in range(n):
+                cost[row, n] = slope[row, 0]
+                for column in range(n):
+                    cost[row, column] = 0.5 * (expanded[row, column] + expanded[column, row])
 
 
 @borrowing_kernel
-def _add_cost(p, q, states, weights, m, lane):
-    """Add the state's cost after a step to the quadratic of what is to come."""
+def _add_product(total, a, b):
+    """Add the product of two matrices to the first columns of another."""
+    for row in range(a.shape[0]):
+        for column in range(b.shape[1]):
+            term = 0.0
+            for i in range(b.shape[0]):
+                term += a[row, i] * b[i, column]
+            total[row, column] += term
+
+
+@borrowing_kernel
+def _add_cost(cost, states, weights, m, lane):
+    """Add the state's cost after a step to what is to come."""
+    n = cost.shape[0]
     x1, offset, v1 = states[m, 0, lane], states[m, 1, lane] - states[m, 0, lane], states[m, 2, lane]
     wx, wv, ws = 2.0 * weights[0], 2.0 * weights[1], 2.0 * weights[2]
-    p[0, 0] += wx + ws
-    p[1, 1] += ws
-    p[0, 1] -= ws
-    p[1, 0] -= ws
-    p[2, 2] += wv
-    q[0] += wx * x1 - ws * offset
-    q[1] += ws * offset
-    q[2] += wv * v1
+    cost[0, 0] += wx + ws
+    cost[1, 1] += ws
+    cost[0, 1] -= ws
+    cost[1, 0] -= ws
+    cost[2, 2] += wv
+    cost[0, n] += wx * x1 - ws * offset
+    cost[1, n] += ws * offset
+    cost[2, n] += wv * v1
 
 
 @borrowing_kernel
-def _add_squares(p, q, squared, m, lane):
+def _add_squares(cost, squared, m, lane):
     """Add what else is squared after a step, which is linear about the trajectory."""
-    n = p.shape[0]
+    n = cost.shape[0]
     for j in range(squared.shape[1]):
         value = squared[m, j, 0, lane]
         for row in range(n):
             slope = 2.0 * squared[m, j, 1 + row, lane]
-            q[row] += slope * value
+            cost[row, n] += slope * value
             for column in range(n):
-                p[row, column] += slope * squared[m, j, 1 + column, lane]
+                cost[row, column] += slope * squared[m, j, 1 + column, lane]
 
 
 @borrowing_kernel
-def _linearise(motion, actuators, a, b, m, lane):
-    """Write the derivatives a (n, n) and b (n, k) of a step, actuators included."""
-    s = motion.shape[1]
-    for j in range(b.shape[1]):
-        kept, step = actuators[2, j], actuators[3, j]
-        for row in range(s):
-            through = motion[m, row, s + j, lane]
-            a[row, s + j], b[row, j] = through * kept, through * step
-        a[s + j, s + j], b[s + j, j] = kept, step
+def _linearise(motion, actuators, step, m, lane):
+    """Write the derivatives of a step over states and controls, actuators included."""
+    s, n = motion.shape[1], step.shape[0]
     for row in range(s):
         for column in range(s):
-            a[row, column] = motion[m, row, column, lane]
-
-
-@borrowing_kernel
-def _expand(matrices, q, by_control, of_control):
-    """Write the quadratic of the cost to come over states and controls before a step.
-
-    Of the matrices (4, n, n), the quadratic p after the step and the derivatives a are read, and p
-    a is written; of (2, n, k), the derivatives b and p b; q (n,) is the slope after the step. Of
-    each control the curvature over the states and over the controls and the slope are written;
-    behind them are bounds, change and gains, (k, 2 n + k + 4).
-    """
-    p, a, pa = matrices[0], matrices[1], matrices[2]
-    b, pb = by_control[0], by_control[1]
-    n, k = b.shape
-    for row in range(n):
-        for column in range(n):
-            total = 0.0
-            for i in range(n):
-                total += p[row, i] * a[i, column]
-            pa[row, column] = total
-        for j in range(k):
-            total = 0.0
-            for i in range(n):
-                total += p[row, i] * b[i, j]
-            pb[row, j] = total
-    for j in range(k):
-        for column in range(n + k + 1):
-            of_control[j, column] = 0.0
-        for i in range(n):
-            for column in range(n):
-                of_control[j, column] += b[i, j] * pa[i, column]
-            for other in range(k):
-                of_control[j, n + other] += b[i, j] * pb[i, other]
-            of_control[j, n + k] += b[i, j] * q[i]
+            step[row, column] = motion[m, row, column, lane]
+        for j in range(n - s):
+            through = motion[m, row, s + j, lane]
+            step[row, s + j], step[row, n + j] = (
+                through * actuators[2, j],
+                through * actuators[3, j],
+            )
+    for j in range(n - s):
+        step[s + j, s + j], step[s + j, n + j] = actuators[2, j], actuators[3, j]
 
 
 @borrowing_kernel
@@ -156,96 +152,61 @@ def _bound(actuators, states, controls, bounds, m, j, lane):
 
 
 @borrowing_kernel
-def _minimise(of_control, n):
+def _minimise(over, bounds, found):
     """Minimise over the controls' changes within their bounds; write changes and gains.
 
     A control at a bound has no gains. Of two controls all cases are tried: none at a bound, or one
     of them, while the other is clipped.
     """
-    k = of_control.shape[0]
-    slope, low, high, change, gain = n + k, n + k + 1, n + k + 2, n + k + 3, n + k + 4
+    k, n = bounds.shape[0], found.shape[1] - 1
+    slope = n + k
     for j in range(k):
         for i in range(n):
-            of_control[j, gain + i] = 0.0
+            found[j, i] = 0.0
     if k == 1:
-        row = of_control[0]
-        row[change] = min(max(-row[slope] / row[n], row[low]), row[high])
-        _write_gain(row, row[n], n, k)
+        found[0, n] = min(max(-over[0, slope] / over[0, n], bounds[0, 0]), bounds[0, 1])
+        _write_gain(over[0], over[0, n], bounds[0], found[0])
         return
-    one, two = of_control[0], of_control[1]
+    one, two = over[0], over[1]
     determinant = one[n] * two[n + 1] - one[n + 1] * two[n]
     first = (two[slope] * one[n + 1] - one[slope] * two[n + 1]) / determinant
     second = (one[slope] * two[n] - two[slope] * one[n]) / determinant
-    if one[low] < first < one[high] and two[low] < second < two[high]:
-        one[change], two[change] = first, second
+    if bounds[0, 0] < first < bounds[0, 1] and bounds[1, 0] < second < bounds[1, 1]:
+        found[0, n], found[1, n] = first, second
         for i in range(n):
-            one[gain + i] = (two[i] * one[n + 1] - one[i] * two[n + 1]) / determinant
-            two[gain + i] = (one[i] * two[n] - two[i] * one[n]) / determinant
+            found[0, i] = (two[i] * one[n + 1] - one[i] * two[n + 1]) / determinant
+            found[1, i] = (one[i] * two[n] - two[i] * one[n]) / determinant
         return
     best = np.inf
     for j in range(2):
-        fixed, free = of_control[j], of_control[1 - j]
+        fixed, free = over[j], over[1 - j]
+        low, high = bounds[1 - j, 0], bounds[1 - j, 1]
         for side in range(2):
-            x = fixed[high] if side else fixed[low]
-            curvature = free[n + 1 - j]
-            y = min(max(-(free[slope] + free[n + j] * x) / curvature, free[low]), free[high])
+            x, curvature = bounds[j, side], free[n + 1 - j]
+            y = min(max(-(free[slope] + free[n + j] * x) / curvature, low), high)
             cost = fixed[slope] * x + free[slope] * y + fixed[n + 1 - j] * x * y
             cost += 0.5 * fixed[n + j] * x * x + 0.5 * curvature * y * y
             if cost < best:
-                best, fixed[change], free[change] = cost, x, y
+                best, found[j, n], found[1 - j, n] = cost, x, y
     for j in range(2):
-        _write_gain(of_control[j], of_control[j, n + j], n, k)
+        _write_gain(over[j], over[j, n + j], bounds[j], found[j])
 
 
 @borrowing_kernel
-def _write_gain(row, curvature, n, k):
+def _write_gain(over, curvature, bounds, found):
     """Write the gains of a control that is alone in not being at a bound, if it is not."""
-    if row[n + k + 1] < row[n + k + 3] < row[n + k + 2]:
+    n = found.shape[0] - 1
+    if bounds[0] < found[n] < bounds[1]:
         for i in range(n):
-            row[n + k + 4 + i] = -row[i] / curvature
+            found[i] = -over[i] / curvature
 
 
 @borrowing_kernel
-def _hold_limits(actuators, controls, of_control, n, m, lane):
+def _hold_limits(actuators, controls, bounds, found, m, lane):
     """Let a change of what is applied be taken back where that is at its limit."""
-    k = of_control.shape[0]
+    k, n = bounds.shape[0], found.shape[1] - 1
     for j in range(k):
-        row, kept = of_control[j], actuators[2, j]
-        change = row[n + k + 3]
-        at_bound = change == row[n + k + 1] or change == row[n + k + 2]
+        kept, change = actuators[2, j], found[j, n]
+        at_bound = change == bounds[j, 0] or change == bounds[j, 1]
         if kept > 0.0 and at_bound and abs(controls[m, j, lane] + change) < 1.0 - ROUND_OFF:
-            row[2 * n + 4 + j] = -kept / actuators[3, j]
-
-
-@borrowing_kernel
-def _step_back(matrices, vectors, of_control):
-    """Turn the quadratic of the cost to come after a step into that before it: see `_expand`."""
-    a, pa, following = matrices[1], matrices[2], matrices[3]
-    n, k = a.shape[0], of_control.shape[0]
-    slope, change, gain = n + k, n + k + 3, n + k + 4
-    for row in range(n):
-        total = 0.0
-        for i in range(n):
-            total += a[i, row] * vectors[0, i]
-        for j in range(k):
-            total += of_control[j, row] * of_control[j, change]
-            total += of_control[j, gain + row] * of_control[j, slope]
-            for i in range(k):
-                bent = of_control[j, n + i] * of_control[i, change]
-                total += of_control[j, gain + row] * bent
-        vectors[1, row] = total
-        for column in range(n):
-            total = 0.0
-            for i in range(n):
-                total += a[i, row] * pa[i, column]
-            for j in range(k):
-                total += of_control[j, gain + row] * of_control[j, column]
-                total += of_control[j, row] * of_control[j, gain + column]
-                for i in range(k):
-                    bent = of_control[j, n + i] * of_control[i, gain + column]
-                    total += of_control[j, gain + row] * bent
-            following[row, column] = total
-    for row in range(n):
-        vectors[0, row] = vectors[1, row]
-        for column in range(n):
-            matrices[0, row, column] = 0.5 * (following[row, column] + following[column, row])
+            found[j, n - k + j] = -kept / actuators[3, j]
