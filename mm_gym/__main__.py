@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
 
@@ -27,15 +27,11 @@ from mm_gym.plant.compile import compile_findings, compile_scene
 from mm_gym.plant.rigs import over_rigs
 from mm_gym.records import ACCELERATION_UNITS, FORCE_UNITS, read_record
 from mm_gym.scene.excitation import Recorded
+from mm_gym.scene.scene import Scene
 from mm_gym.scene.schema import scene_schema
 from mm_gym.scene.toml_file import check_scene, load_scene, toml_of
 from mm_gym.simulation.simulate import simulate
 from mm_gym.tasks import ids, is_id, path_of, task_or_scene
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from mm_gym.scene.scene import Scene
 
 FAILED = 2  # exit status after an error, that of argparse too
 

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
+from os import PathLike
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -15,11 +17,9 @@ from gymnasium.error import DependencyNotInstalled
 from mm_gym.files import write_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
-    from os import PathLike
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 Result = TypeVar("Result")
 

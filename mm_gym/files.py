@@ -16,20 +16,16 @@ import secrets
 import stat
 import sys
 import tomllib
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, cast
+from typing import NoReturn, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.errors import SceneError, refuse, suggest
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
-    from os import PathLike
-
-    from numpy.typing import ArrayLike, NDArray
-
 
 MOST_BYTES = 2**16  # largest text file; a scene takes one or two thousand bytes
 

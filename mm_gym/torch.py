@@ -25,17 +25,18 @@ except ImportError as error:
     msg = "torch is not installed: install the extra `agents`"
     raise DependencyNotInstalled(msg) from error
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from os import PathLike
+from collections.abc import Mapping, Sequence
+from os import PathLike
 
-    from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from mm_gym.plant.plant import Plant
+from mm_gym.scene.scene import Scene
+
+if TYPE_CHECKING:
     from torch import Tensor
 
-    from mm_gym.plant.plant import Plant
-    from mm_gym.scene.scene import Scene
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 def step(

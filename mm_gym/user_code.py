@@ -6,15 +6,13 @@ import hashlib
 import importlib.util
 import sys
 import traceback
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import Any
 
 from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.files import read_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from types import ModuleType
 
 
 def is_path(text: str) -> bool:

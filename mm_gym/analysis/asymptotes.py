@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.analysis.asymptotes_kernel import final_offsets, sticks_throughout
 from mm_gym.compiler.jit import plain
@@ -18,18 +20,12 @@ from mm_gym.law.carriage_spring import carriage_energy, carriage_force
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.support_of import support_of
 from mm_gym.scene.mechanics import GRAVITY
+from mm_gym.scene.scene import Scene
 from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 from mm_gym.simulation.energy.work import mechanical_energy
 from mm_gym.simulation.simulate import simulate
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.scene.scene import Scene
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 class Spring(NamedTuple):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import cmath
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
@@ -14,15 +15,10 @@ from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 from mm_gym.plant.linearise import interface_slopes
 from mm_gym.plant.support_of import support_of
+from mm_gym.scene.scene import Scene
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.scene.scene import Scene
-
-    Roots = NDArray[np.complex128]
-
-    Array = NDArray[np.float64]
+Roots = NDArray[np.complex128]
+Array = NDArray[np.float64]
 
 
 class Linear(NamedTuple):

@@ -6,23 +6,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.files import write_csv
 from mm_gym.records.spectrum import peak_responses
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.records import Record
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 PERIODS = np.geomspace(0.01, 10.0, 241)  # periods by default [s], 80 a decade
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.compiler.jit import plain
 from mm_gym.law import springs
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 
 def spring_stiffness(stretch: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:

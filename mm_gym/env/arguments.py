@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, TypeAlias, TypeGuard, cast
+from typing import TypeAlias, TypeGuard, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from numpy.typing import ArrayLike, NDArray
 
-from mm_gym.env.own_reward import rewarded
+from mm_gym.env.own_reward import RewardLike, rewarded
 from mm_gym.errors import ActionError, SceneError, refuse, suggest
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import load_scene
 from mm_gym.simulation.checks import array_of, is_array
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.env.own_reward import RewardLike
 
 FLOAT32 = np.dtype(np.float32)
 

@@ -5,28 +5,27 @@ from __future__ import annotations
 import copy
 import warnings
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from enum import Enum
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 import numpy as np
 from gymnasium.envs import registration
+from gymnasium.envs.registration import EnvSpec
 
 from mm_gym.env.outputs import Terms
 from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.plant.compile import compile_scene
+from mm_gym.plant.plant import Plant
 from mm_gym.scene.part import plain
 from mm_gym.scene.scene import Scene
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from gymnasium.envs.registration import EnvSpec
-
-    from mm_gym.plant.plant import Plant
     from mm_gym.rendering.renderer import Renderer
+
 
 SEEDS = 2**63  # number of seeds to choose from where none is given
 

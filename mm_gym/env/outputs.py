@@ -6,18 +6,17 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, cast, get_args
 
 import numpy as np
 from gymnasium.spaces import Box
+from numpy.typing import NDArray
 
 from mm_gym.errors import check_name
 from mm_gym.lanes import layout
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from mm_gym.plant.plant import Plant
     from mm_gym.plant.task import Observed
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 ROUNDINGS = 4  # at least as many as a kernel makes while it scales a value

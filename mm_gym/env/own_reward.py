@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numba
 import numpy as np
 from numba import types
+from numpy.typing import NDArray
 from pydantic import PrivateAttr
 
 from mm_gym.compiler.jit import COMPILED
@@ -22,13 +24,7 @@ from mm_gym.step.channels import CHANNELS
 from mm_gym.step.own_reward import rewarding
 from mm_gym.user_code import load
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Self
-
-    from numpy.typing import NDArray
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 RewardLike: TypeAlias = "str | Callable[..., float] | OwnReward"
 """A function of channels, FILE.py:NAME of one, or what was made of one."""

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy import ndarray
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.env.arguments import (
     FLOAT32,
+    Changes,
+    SceneLike,
     checked_actions,
     checked_options,
     flag_of,
@@ -18,18 +22,10 @@ from mm_gym.env.arguments import (
     scene_of,
 )
 from mm_gym.env.base import SINGLE_MODES, Environment
-from mm_gym.env.outputs import action_space, checked_level, observation_space
+from mm_gym.env.outputs import InfoLevel, action_space, checked_level, observation_space
+from mm_gym.env.own_reward import RewardLike
 from mm_gym.lanes import layout
 from mm_gym.rendering.subject import frames_per_second
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.env.arguments import Changes, SceneLike
-    from mm_gym.env.outputs import InfoLevel
-    from mm_gym.env.own_reward import RewardLike
 
 
 class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares `spec` an attribute

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
+from gymnasium import Space
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.env.arguments import (
+    Changes,
+    SceneLike,
+    Seeds,
     checked_actions,
     checked_autoreset_mode,
     checked_count,
@@ -23,27 +29,17 @@ from mm_gym.env.arguments import (
     scene_of,
 )
 from mm_gym.env.base import RENDER_MODES, Environment
-from mm_gym.env.outputs import action_space, checked_level, observation_space
+from mm_gym.env.outputs import InfoLevel, action_space, checked_level, observation_space
+from mm_gym.env.own_reward import RewardLike
 from mm_gym.errors import refuse
 from mm_gym.lanes import layout
 from mm_gym.rendering.subject import frames_per_second
+from mm_gym.scene.scene import Scene
 from mm_gym.simulation.checks import is_array
-from mm_gym.simulation.closed_loop import ClosedLoop
+from mm_gym.simulation.closed_loop import ClosedLoop, Episodes
+from mm_gym.simulation.lanes import Lanes
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from gymnasium import Space
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.env.arguments import Changes, SceneLike, Seeds
-    from mm_gym.env.outputs import InfoLevel
-    from mm_gym.env.own_reward import RewardLike
-    from mm_gym.scene.scene import Scene
-    from mm_gym.simulation.closed_loop import Episodes
-    from mm_gym.simulation.lanes import Lanes
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 SINGLE = {"action_space": "single_action_space", "observation_space": "single_observation_space"}
 """Attributes of a single environment that a vector has by another name."""

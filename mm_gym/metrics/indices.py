@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.errors import SimulationError, refuse
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from mm_gym.metrics.response import Response
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from collections.abc import Mapping, Sequence
+from typing import cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.compiler.jit import plain
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.errors import SimulationError, refuse
 from mm_gym.lanes import layout
 from mm_gym.law import springs
-from mm_gym.metrics.response import End, Totals
+from mm_gym.metrics.response import End, Response, Totals
+from mm_gym.scene.scene import Scene
 from mm_gym.tuning import tune
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.metrics.response import Response
-    from mm_gym.scene.scene import Scene
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 class LaneResponse:

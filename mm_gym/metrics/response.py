@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
@@ -13,10 +14,7 @@ from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring
 from mm_gym.scene.mechanics import GRAVITY
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 class Cubic(NamedTuple):

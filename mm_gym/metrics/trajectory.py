@@ -6,22 +6,19 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.errors import SimulationError, refuse
 from mm_gym.lanes import layout
-from mm_gym.metrics.response import End, Totals
+from mm_gym.metrics.response import End, Response, Totals
 from mm_gym.simulation.energy.work import CHANGE, energy_jumps, spring_energy
-from mm_gym.simulation.recording import Place, excitation, states_at
+from mm_gym.simulation.recording import Place, Recording, excitation, states_at
 from mm_gym.simulation.response import acceleration, damped
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym.metrics.response import Response
-    from mm_gym.simulation.recording import Recording
     from mm_gym.simulation.trajectory import Trajectory
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 PIECES = 8  # pieces that a sample interval is divided into
 

@@ -5,10 +5,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.analysis import asymptotic_offset, bifurcation, critical_reference_velocity
 from mm_gym.analysis.asymptotes import Spring
@@ -26,20 +29,15 @@ from mm_gym.paper.scenes import (
     scene,
     stick_slope,
 )
+from mm_gym.scene.scene import Scene
 from mm_gym.simulation.simulate import simulate
+from mm_gym.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from os import PathLike
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
-    from mm_gym.scene.scene import Scene
-    from mm_gym.simulation.trajectory import Trajectory
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 MILLI = 1e3

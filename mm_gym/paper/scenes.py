@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.scene.mechanics import (
@@ -17,10 +16,6 @@ from mm_gym.scene.mechanics import (
     Viscous,
 )
 from mm_gym.scene.scene import Control, Initial, Scene
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
 
 CHI = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 """Slip dampings of figure 10 [N s/m]; a choice, because the text does not list them."""

@@ -6,7 +6,9 @@ provenance says what it is.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterator
+from os import PathLike
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,11 +16,6 @@ from mm_gym.analysis import asymptotic_offset, critical_reference_velocity, mode
 from mm_gym.analysis.linear import linear_values
 from mm_gym.files import aligned, write_text
 from mm_gym.paper.scenes import CAPTION, friction_of, scene, stick_slope
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from os import PathLike
-
 
 HEADER = (
     *("system", "quantity", "unit", "stated"),

@@ -10,27 +10,22 @@ from __future__ import annotations
 import struct
 import zipfile
 import zlib
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from io import BytesIO
 from math import prod
+from pathlib import Path
 from tokenize import TokenError
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
 
 from mm_gym.errors import SceneError, suggest
 from mm_gym.files import read_bytes
-from mm_gym.records.options import LARGEST
+from mm_gym.records.options import LARGEST, Options, Samples
 from mm_gym.records.text import MOST_BYTES, refuse, series
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from mm_gym.records.options import Options, Samples
 
 MOST_ARRAY_BYTES = 2**26  # largest array: 8 million samples in double precision
 REAL = "fiu"  # kinds of NumPy's types that hold real numbers

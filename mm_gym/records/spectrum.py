@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.errors import refuse
 from mm_gym.records.spectrum_kernel import TURN, write_peaks
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 MOST_DAMPING = 10.0  # largest damping ratio
 MOST_PARTS = 1e10  # steps of the recurrence, at most: about a minute

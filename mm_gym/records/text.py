@@ -5,25 +5,19 @@ from __future__ import annotations
 import math
 import re
 import reprlib
-from typing import TYPE_CHECKING, NamedTuple, NoReturn
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.errors import SceneError
 from mm_gym.files import read_bytes
-from mm_gym.records.options import LARGEST, SHORTEST, contradiction
+from mm_gym.records.options import LARGEST, SHORTEST, Options, Samples, contradiction
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-
-    from mm_gym.records.options import Options, Samples
-
-    Block = tuple[int, str]
+Array = NDArray[np.float64]
+Block = tuple[int, str]
 
 
 NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDd][+-]?\d+)?", re.ASCII)

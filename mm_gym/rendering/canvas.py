@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 from math import copysign, cos, hypot, pi, sin
 from os import environ
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
 
 from mm_gym.rendering.look import BAR, INK, PAPER, PIXELS, SIZE, Colour, Point, spring_colour
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
 FINE = 2  # pixels of the fine band to one of the picture, each way
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
@@ -15,17 +16,12 @@ from mm_gym.files import write_bytes
 from mm_gym.lanes import layout
 from mm_gym.plant.compile import compile_scene
 from mm_gym.rendering.canvas import load_pygame
-from mm_gym.rendering.history import History
+from mm_gym.rendering.history import History, Past
 from mm_gym.rendering.look import SIZE
 from mm_gym.rendering.picture import Picture, columns
 from mm_gym.rendering.subject import Subject
+from mm_gym.scene.scene import Scene
 from mm_gym.simulation.lanes import Lanes
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from mm_gym.rendering.history import Past
-    from mm_gym.scene.scene import Scene
 
 KINDS = (".png", ".mp4")
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm  # pyright: ignore[reportUnknownVariableType] - SciPy ships no types
 
 from mm_gym.compiler.jit import plain
@@ -13,12 +14,10 @@ from mm_gym.lanes import layout
 from mm_gym.step.outputs import excitation
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from mm_gym.rendering.subject import Subject
     from mm_gym.simulation.lanes import Lanes
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 KEPT = (
     layout.DAMPING + 1

@@ -15,14 +15,22 @@ from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.springs import spring_force
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
-from mm_gym.rendering.look import FINE_STEPS, PIXELS, Unit, round_down, round_up, text_of, unit_of
-from mm_gym.rendering.subject import UNSTRETCHED
+from mm_gym.rendering.history import Past
+from mm_gym.rendering.look import (
+    FINE_STEPS,
+    PIXELS,
+    Colour,
+    Point,
+    Unit,
+    round_down,
+    round_up,
+    text_of,
+    unit_of,
+)
+from mm_gym.rendering.subject import UNSTRETCHED, Subject
 
 if TYPE_CHECKING:
     from mm_gym.rendering.canvas import Canvas
-    from mm_gym.rendering.history import Past
-    from mm_gym.rendering.look import Colour, Point
-    from mm_gym.rendering.subject import Subject
 
 
 DOTS = 96.0 / 0.0254 / PIXELS  # units of a picture to a metre of a screen that has 96 dots per inch

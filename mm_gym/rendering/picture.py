@@ -4,27 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil, floor
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.lanes import layout
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
 from mm_gym.rendering.canvas import Canvas
-from mm_gym.rendering.look import DASH, FINE_STEPS, MINUS, TIMES, reading, round_up, text_of
-from mm_gym.rendering.mechanism import Mechanism, can_be_seen, recent_impulse, view_of
-from mm_gym.rendering.subject import UNSTRETCHED
+from mm_gym.rendering.history import Past
+from mm_gym.rendering.look import DASH, FINE_STEPS, MINUS, TIMES, Colour, reading, round_up, text_of
+from mm_gym.rendering.mechanism import Mechanism, View, can_be_seen, recent_impulse, view_of
+from mm_gym.rendering.subject import UNSTRETCHED, Subject
 from mm_gym.step.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym.rendering.history import Past
-    from mm_gym.rendering.look import Colour
-    from mm_gym.rendering.mechanism import View
-    from mm_gym.rendering.subject import Subject
-
 
 LEFT, RIGHT = 55.0, 785.0
 TOP, BOTTOM = 290.0, 455.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
 from math import ceil, sqrt
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
+from numpy.typing import NDArray
 
 from mm_gym.lanes import layout
 from mm_gym.rendering.canvas import load_pygame
@@ -16,16 +18,12 @@ from mm_gym.rendering.history import History
 from mm_gym.rendering.look import SIZE
 from mm_gym.rendering.picture import Picture, columns
 from mm_gym.rendering.subject import Subject
+from mm_gym.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from mm_gym.scene.scene import Scene
     from mm_gym.simulation.lanes import Lanes
 
-    Frame = NDArray[np.uint8]
+Frame = NDArray[np.uint8]
 
 
 class Window:

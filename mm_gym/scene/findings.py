@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from itertools import product
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar, cast
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from pydantic import ValidationError
 
 from mm_gym.scene.part import FIELDS_ONLY, Part, dotted_name, is_known, located
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
 
 P = TypeVar("P", bound=Part)
 

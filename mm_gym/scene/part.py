@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import reprlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import (
-    TYPE_CHECKING,
     Any,
     ClassVar,
     NamedTuple,
@@ -16,17 +16,11 @@ from typing import (
 )
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from mm_gym.errors import SceneError, suggest
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
-
-    from numpy.typing import NDArray
-    from pydantic_core import ErrorDetails
-
 
 RANGE = "range"  # type of the errors that `ordered` raises
 LARGEST = 1.7976931348623157e308  # the largest double

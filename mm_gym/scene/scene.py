@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol, cast
+from typing import Annotated, Any, ClassVar, Protocol, cast
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, PlainValidator
 from pydantic_core import PydanticKnownError
 
@@ -31,18 +34,10 @@ from mm_gym.scene.mechanics import (
     Springs,
     Viscous,
 )
-from mm_gym.scene.part import Document, Part, Rule, dotted_name, is_known, listed, put
+from mm_gym.scene.part import Data, Document, Part, Rule, dotted_name, is_known, listed, put
 from mm_gym.scene.sensors import Sensors
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from mm_gym.scene.part import Data
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 Weight = Annotated[float, Field(ge=0, le=1e12)]
 Scale = Annotated[float, Field(ge=1e-12, le=1e12)]

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import json
 import re
-from typing import TYPE_CHECKING, TypeAlias, cast, get_args, get_origin
+from collections.abc import Iterator
+from typing import TypeAlias, cast, get_args, get_origin
 
 from mm_gym.scene.part import Part, parts_of
 from mm_gym.scene.scene import DELAY, ERRORS, Scene
 from mm_gym.step.channels import CHANNELS
 from mm_gym.tasks import ids
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 Node: TypeAlias = "Object | list[Node] | str | float | bool | None"
 Object: TypeAlias = "dict[str, Node]"

@@ -7,21 +7,17 @@ import json
 import os
 import re
 import tomllib
+from collections.abc import Callable, Iterator
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, cast
+from typing import TypeAlias, cast
 
 from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.files import parse_toml, read_text
 from mm_gym.scene.findings import draft_of
-from mm_gym.scene.part import KIND, Part, dotted_name, is_known, put
+from mm_gym.scene.part import KIND, Data, Part, dotted_name, is_known, put
 from mm_gym.scene.scene import Scene
 from mm_gym.tasks import is_id, path_of, task_called
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from os import PathLike
-
-    from mm_gym.scene.part import Data
 
 
 def with_absolute_records(data: dict[str, object], folder: Path) -> dict[str, object]:

@@ -7,9 +7,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from os import PathLike
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_continuous_lyapunov
 
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
@@ -17,22 +19,18 @@ from mm_gym.errors import StructureError, refuse
 from mm_gym.files import aligned
 from mm_gym.plant.compile import compile_scene
 from mm_gym.records import Record
+from mm_gym.scene.scene import Scene
 from mm_gym.simulation.response import root_mean_square
 from mm_gym.simulation.simulate import checked_motion
 from mm_gym.structure.full_model import FullModel
-from mm_gym.structure.structure import drift_matrix
+from mm_gym.structure.structure import Reduction, drift_matrix
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike, NDArray
 
-    from mm_gym.scene.scene import Scene
     from mm_gym.simulation.simulate import Policy
-    from mm_gym.structure.structure import Reduction
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 POINTS = 20
 """Instants to the shortest natural period, so that peaks are within 1.3 % of those in between."""

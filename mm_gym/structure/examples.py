@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mm_gym.errors import StructureError, check_name
-from mm_gym.structure.structure import Structure
+from mm_gym.scene.scene import Scene
+from mm_gym.structure.structure import Reduction, Structure
 from mm_gym.tuning.closed_forms import closed_form
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from mm_gym.scene.scene import Scene
-    from mm_gym.structure.structure import Reduction
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,13 @@ it has one. Displacements are relative to the ground.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -24,16 +26,12 @@ from mm_gym.law.interface import MOST_STATES
 from mm_gym.scene.mechanics import GRAVITY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import ArrayLike, NDArray
-
     from mm_gym.scene.actuators import Actuator
     from mm_gym.scene.scene import Scene
     from mm_gym.simulation.simulate import Policy
     from mm_gym.structure.structure import Reduction
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 TOLERANCE = 1e-8
 """Relative tolerance of the integration of a nonlinear device: far below what a reduction leaves

@@ -5,18 +5,15 @@ Equations are those of `docs/structures.md`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple, cast
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from mm_gym.errors import StructureError, refuse, suggest
 from mm_gym.scene.part import Part
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    Entry = Mapping[str, object] | Part
+Entry = Mapping[str, object] | Part
 
 SIZES = {
     "harmonic": "amplitude",

@@ -5,36 +5,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import index
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
 from mm_gym.errors import StructureError, refuse
 from mm_gym.files import write_text
 from mm_gym.plant.compile import compile_scene
+from mm_gym.scene.part import Part
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import toml_of
 from mm_gym.simulation.simulate import record_of, simulate
+from mm_gym.simulation.trajectory import Trajectory
 from mm_gym.structure.ground import Shaking, check_draws, check_mass
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from os import PathLike
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.scene.part import Part
     from mm_gym.simulation.simulate import Policy
-    from mm_gym.simulation.trajectory import Trajectory
     from mm_gym.tuning.closed_forms import Absorber
 
-    Array = NDArray[np.float64]
-    Entry = Mapping[str, object] | Part
+Array = NDArray[np.float64]
+Entry = Mapping[str, object] | Part
 
 
 ASYMMETRY = 1e-8

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite, sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from mm_gym.analysis.linear import linear_values
 from mm_gym.analysis.springs import spring_stiffness
 from mm_gym.errors import DesignError, check_name
+from mm_gym.scene.scene import Scene
 from mm_gym.tuning.reach import stretch_for
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from mm_gym.scene.scene import Scene
-
-    Formula = Callable[[float], tuple[float, float, float]]
+Formula = Callable[[float], tuple[float, float, float]]
 
 
 PEAK = "largest amplitude"

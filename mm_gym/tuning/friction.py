@@ -5,20 +5,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import isfinite, pi, sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from mm_gym.analysis.linear import linear_values
+from mm_gym.analysis.linear import Linear, linear_values
 from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import DesignError, SimulationError, check_name, refuse
 from mm_gym.lanes.layout import NO_ROW
 from mm_gym.law.dry_friction import kinetic_force, slip_intercept, stick_slope
 from mm_gym.scene.mechanics import GRAVITY, DryFriction
+from mm_gym.scene.scene import Scene
 from mm_gym.simulation.simulate import simulate
 from mm_gym.step.channels import CHANNELS
 from mm_gym.tuning.optimum import FREQUENCY_RATIOS, excitation_of, require_fixed, require_resonance
@@ -26,17 +29,9 @@ from mm_gym.tuning.reach import obstacle, reach_of, springs_with
 from mm_gym.tuning.result import FrictionDesign, FrictionTuning
 from mm_gym.tuning.transfer import EXCITATIONS
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    from mm_gym.analysis.linear import Linear
-    from mm_gym.scene.scene import Scene
-
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
-    Pair = tuple[float, float]
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Pair = tuple[float, float]
 
 
 SMALLEST, LARGEST = 1e-9, 1e9

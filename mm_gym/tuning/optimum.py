@@ -6,20 +6,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize, root
 
 from mm_gym.analysis.linear import Linear, characteristic, linear_values
 from mm_gym.errors import DesignError, check_name, refuse
+from mm_gym.scene.scene import Scene
 from mm_gym.tuning.closed_forms import CLOSED_FORMS, closed_form
 from mm_gym.tuning.reach import obstacle, reach_of, springs_with, tuned_field
 from mm_gym.tuning.result import Design, Reference, Tuning
 from mm_gym.tuning.transfer import (
     CHANNELS,
     EXCITATIONS,
+    Peak,
     Transfer,
     abscissa,
     amplitude,
@@ -32,15 +36,7 @@ from mm_gym.tuning.transfer import (
     without_dimension,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from mm_gym.scene.scene import Scene
-    from mm_gym.tuning.transfer import Peak
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 CRITERIA = ("h_infinity", "h2", "stability")

@@ -5,33 +5,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.analysis.linear import linear_values
 from mm_gym.analysis.springs import stretch_for_stiffness
 from mm_gym.drawing import COLOURS, STYLES, drawn, hertz_above, legend_below, panels
 from mm_gym.files import aligned, write_text
 from mm_gym.scene.mechanics import LinearSprings, NoSprings
+from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import toml_of
 from mm_gym.step.channels import CHANNELS
 from mm_gym.tuning.transfer import amplitude, si_factor, si_unit, transfer, without_dimension
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from os import PathLike
-
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
-    from mm_gym.scene.scene import Scene
     from mm_gym.tuning.closed_forms import Absorber
 
-    Array = NDArray[np.float64]
-    Row = tuple[str, ...]
+Array = NDArray[np.float64]
+Row = tuple[str, ...]
 
 NAMES = {
     "h_infinity": "the largest amplitude",

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.analysis.linear import Linear, characteristic
 from mm_gym.step.channels import CHANNELS as ALL_CHANNELS
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Polynomial = NDArray[np.float64]
-    Array = Polynomial
+Polynomial = NDArray[np.float64]
+Array = Polynomial
 
 
 EXCITATIONS = ("force", "ground")
