@@ -2,12 +2,13 @@
 
 import re
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
 ENTRIES = [
-    " ".join(entry.split())
+    " ".join(entry.partition("\n\n")[0].split())
     for entry in re.split(r"^- ", (DOCS / "literature.md").read_text("utf-8"), flags=re.MULTILINE)
 ]
 NAME = r"[A-ZÅŠ][\w-]+"
@@ -17,6 +18,11 @@ CITED = re.compile(
 PAGES = ("controllers", "tuning", "model", "excitation", "evaluation", "numerics", "training")
 JOURNALS = {"Dynamics", "Structures"}
 """Last words of journals' names that a year follows."""
+IDENTIFIED = re.compile(
+    r"\(https://\S+\)|ISBN [\dX-]{13,17}\b|no DOI verified$"
+    r"|, (?:Addison-Wesley|Pearson|Wiley) \(\d{4}\)$"
+)
+"""A link (of a DOI, a preprint or a record), an ISBN, a book's publisher, or what is missing."""
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -32,3 +38,15 @@ def test_cited_publications_are_listed(page):
         and not any(name in entry and f"({year})" in entry for entry in ENTRIES)
     ]
     assert missing == [], "add them to docs/literature.md"
+
+
+def test_every_publication_can_be_found():
+    """By a link, an ISBN or a publisher; otherwise the entry says that no DOI is known."""
+    assert len(ENTRIES) > len(PAGES)
+    assert [entry for entry in ENTRIES[1:] if not IDENTIFIED.search(entry)] == []
+
+
+def test_a_link_to_a_doi_is_the_doi_that_is_printed():
+    printed = re.findall(r"\[doi:(\S+)\]\(https://doi\.org/(\S+)\)", " ".join(ENTRIES))
+    assert len(printed) == " ".join(ENTRIES).count("doi.org/")
+    assert [pair for pair in printed if pair[0] != unquote(pair[1])] == []
