@@ -37,6 +37,11 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "sphinxcontrib.programoutput",
 ]
+# A copy on the site, one file without fonts: equations are seen without a network.
+MATHJAX = next(
+    one for one in metadata.files("sphinx-mathjax-offline") or () if one.name == "tex-svg.js"
+).locate()
+mathjax_path = MATHJAX.name
 exclude_patterns = ["_build", "examples", "gallery/*.ipynb", "gallery/*.md5"]
 suppress_warnings = ["config.cache"]  # `palette` is a function
 nitpicky = False  # types of numba and pydantic have no pages to point at
@@ -86,7 +91,7 @@ copybutton_exclude = ".linenos, .gp, .go"
 html_theme = "furo"
 html_title = "mm_gym"
 html_show_copyright = False
-html_static_path = ["static"]
+html_static_path = ["static", str(MATHJAX)]
 html_css_files = ["site.css"]
 
 
