@@ -7,6 +7,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agents.report.pages import commit
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
@@ -41,10 +43,10 @@ def three_digits(number: float) -> str:
 
 
 def machine() -> str:
-    """Return processor, system and package versions as a line."""
+    """Return processor, system, package versions and the commit as a line."""
     packages = ", ".join(f"{name} {found}" for name in PACKAGES if (found := installed(name)))
     system = f"Python {platform.python_version()} on {platform.system()}"
-    return f"*{processor()}, {platform.machine()}; {system}; {packages}.*"
+    return f"*{processor()}, {platform.machine()}; {system}; {packages}; commit {commit()}.*"
 
 
 def installed(name: str) -> str | None:

@@ -12,7 +12,7 @@ from mm_gym import Scene, simulate
 from mm_gym.analysis import asymptotic_offset
 
 # %%
-# The rig of the figure's caption. The linear system is the one whose film has the damping of stick.
+# The rig of the figure's caption. The linear system has the damping of stick.
 friction = Scene(
     carriage={"mass": 0.1, "stiffness": 400.0, "damping": 1.0},
     sphere={"mass": 0.04},
@@ -53,5 +53,6 @@ positions.legend(loc="right")
 velocity.plot(times, 1e-3 * (v2 - v1))
 for limit in (-0.2, 0.2):
     velocity.axhline(limit, color="0.4", linestyle=":")
+velocity.text(0.495, 0.22, "it slips above v_r", ha="right", va="bottom")
 velocity.set(xlabel="time [s]", ylabel="slip velocity [m/s]")
 plt.show()
