@@ -10,7 +10,7 @@ Polynomials without branches or calls are vectorised as they are.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from llvmlite import ir
@@ -18,12 +18,10 @@ from numba import types
 from numba.extending import intrinsic, overload
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, plain
+from mm_gym.compiler.llvm_code import defines
 from mm_gym.lanes.arithmetic import fma, stay_apart
-from mm_gym.lanes.simd import VECTOR, alike, recasting
+from mm_gym.lanes.simd import VECTOR, alike, recast
 from mm_gym.lanes.simd_masks import where
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _MANTISSA = 52
 """Bits of a double behind its exponent."""
@@ -95,10 +93,6 @@ def _split(builder, x, whole):
     return bits, builder.ashr(above, _integers(whole, _MANTISSA))
 
 
-def _exponent(builder, x, whole, number):
-    return builder.sitofp(_split(builder, x, whole)[1], number)
-
-
 def _mantissa(builder, x, whole, number):
     bits, exponent = _split(builder, x, whole)
     shifted = builder.shl(exponent, _integers(whole, _MANTISSA))
@@ -110,39 +104,22 @@ def _power_of_two(builder, x, whole, number):
     return builder.bitcast(builder.shl(biased, _integers(whole, _MANTISSA)), number)
 
 
-_compiled_exponent, _compiled_mantissa, _compiled_power_of_two = map(
-    recasting, (_exponent, _mantissa, _power_of_two)
-)
-
-
+@recast(lambda builder, x, whole, number: builder.sitofp(_split(builder, x, whole)[1], number))
 def exponent_of(x: float) -> float:
     """Return e of x = m 2^e, with m from the root of 1/2 to that of 2."""
     return ((bits_of(x) - _HALF_ROOT) >> _MANTISSA) * 1.0
 
 
-@overload(exponent_of)
-def _exponent_of(x):
-    return lambda x: _compiled_exponent(x)
-
-
+@recast(_mantissa)
 def mantissa_of(x: float) -> float:
     """Return m of the same."""
     return double_of(bits_of(x) - (((bits_of(x) - _HALF_ROOT) >> _MANTISSA) << _MANTISSA))
 
 
-@overload(mantissa_of)
-def _mantissa_of(x):
-    return lambda x: _compiled_mantissa(x)
-
-
+@recast(_power_of_two)
 def two_to_the(x: float) -> float:
     """Return 2^n of an integer n to which `_ROUNDING` was added."""
     return double_of((bits_of(x) + _ONE) << _MANTISSA)
-
-
-@overload(two_to_the)
-def _two_to_the(x):
-    return lambda x: _compiled_power_of_two(x)
 
 
 @borrowing_kernel
@@ -201,11 +178,6 @@ def exp_of(x: float) -> float:
     return plain(exponential)(x)
 
 
-@overload(exp_of)
-def _compiled_exp(x):
-    return (lambda x: exponential(x)) if x in (types.float64, VECTOR) else None
-
-
 def log_of(x: float) -> float:
     """Return ln x of a number of any kind, for x >= 0; no less than that of 2^-1022."""
     return plain(_logarithm_above)(x)
@@ -214,11 +186,6 @@ def log_of(x: float) -> float:
 @inlined_kernel
 def _logarithm_above(x):
     return logarithm(where(x > _SMALLEST_NORMAL, x, _SMALLEST_NORMAL))
-
-
-@overload(log_of)
-def _compiled_log(x):
-    return (lambda x: _logarithm_above(x)) if x in (types.float64, VECTOR) else None
 
 
 def power(x: float, exponent: float) -> float:
@@ -231,8 +198,10 @@ def _power(x, exponent):
     return exponential(exponent * _logarithm_above(x))
 
 
-@overload(power)
-def _compiled_power(x, exponent):
-    if all(kind in (types.float64, VECTOR) for kind in (x, exponent)):
-        return lambda x, exponent: _power(x, exponent)
-    return None
+def _are_plain(*kinds: types.Type) -> bool:
+    return all(kind in (types.float64, VECTOR) for kind in kinds)
+
+
+defines(exp_of, _are_plain)(lambda x: exponential(x))
+defines(log_of, _are_plain)(lambda x: _logarithm_above(x))
+defines(power, _are_plain)(lambda x, exponent: _power(x, exponent))

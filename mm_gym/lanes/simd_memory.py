@@ -1,69 +1,45 @@
 """Vectors of lanes in memory: loaded from lanes and stored, or kept in rows of a vector each."""
 
-# ruff: noqa: ANN401, ARG001, PLW0108 - as in `lanes.simd`
+# ruff: noqa: ANN401 - as in `lanes.simd`
 
 from __future__ import annotations
 
 import operator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, models, overload, register_model
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import COMPILED
-from mm_gym.compiler.llvm_code import alloca_once, get_item_pointer, get_or_insert_function
+from mm_gym.compiler.llvm_code import (
+    alloca_once,
+    compiled_as,
+    defines,
+    get_item_pointer,
+    get_or_insert_function,
+    instruction,
+    value_type,
+)
 from mm_gym.lanes.simd import LANES, NUMBERS, VECTOR, spread
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
+ROWS = value_type(f"Rows({LANES})", NUMBERS.as_pointer())
 
 
-class _Rows(types.Type):
-    def __init__(self) -> None:
-        super().__init__(f"Rows({LANES})")
+def _data(context: Any, builder: Any, kinds: Any, numbers: Any) -> Any:
+    array = context.make_array(kinds[0])(context, builder, numbers)
+    return builder.bitcast(array.data, NUMBERS.as_pointer())
 
 
-ROWS = _Rows()
-
-
-@register_model(_Rows)
-class _RowsModel(models.PrimitiveModel):
-    def __init__(self, manager: object, fe_type: object) -> None:
-        super().__init__(manager, fe_type, NUMBERS.as_pointer())
-
-
-@intrinsic
-def _rows_of(_context, numbers):
-    def build(context, builder, signature, arguments):
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        return builder.bitcast(array.data, NUMBERS.as_pointer())
-
-    return ROWS(numbers), build
-
-
+@compiled_as(ROWS, _data)
 def rows_of(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return an array, beginning on a cache line, as rows of a vector each.
 
     It is lent: the array must live as long, and no bounds are checked.
     """
     return numbers.reshape(-1, LANES)
-
-
-@overload(rows_of)
-def _compiled_rows_of(numbers):
-    return lambda numbers: _rows_of(numbers)
-
-
-@intrinsic
-def _get(_context, rows, k):
-    def build(_context, builder, _signature, arguments):
-        return builder.load(builder.gep(arguments[0], [arguments[1]]), align=64)
-
-    return VECTOR(rows, k), build
 
 
 def _place(builder: Any, rows: Any, k: Any) -> Any:
@@ -73,114 +49,93 @@ def _place(builder: Any, rows: Any, k: Any) -> Any:
     return builder.gep(numbers, [builder.extract_value(k, 1)])
 
 
-@intrinsic
-def _get_number(_context, rows, k):
-    def build(_context, builder, _signature, arguments):
-        return builder.load(_place(builder, *arguments))
-
-    return types.float64(rows, k), build
-
-
-@overload(operator.getitem)
-def _getitem(rows, k):
-    if rows == ROWS and isinstance(k, types.BaseTuple):
-        return lambda rows, k: _get_number(rows, (np.int64(k[0]), np.int64(k[1])))
-    return (lambda rows, k: _get(rows, k)) if rows == ROWS else None
-
-
-@intrinsic
-def _set(_context, rows, k, value):
-    def build(context, builder, signature, arguments):
-        value = spread(builder, signature.args[2], arguments[2])
-        builder.store(value, builder.gep(arguments[0], [arguments[1]]), align=64)
-        return context.get_dummy_value()
-
-    return types.none(rows, k, value), build
+_get_number = instruction(
+    2,
+    types.float64,
+    lambda _context, builder, _kinds, rows, k: builder.load(_place(builder, rows, k)),
+)
+_set_number = instruction(
+    3,
+    types.none,
+    lambda _context, builder, _kinds, rows, k, value: builder.store(
+        value, _place(builder, rows, k)
+    ),
+)
 
 
-@intrinsic
-def _set_number(_context, rows, k, value):
-    def build(context, builder, _signature, arguments):
-        builder.store(arguments[2], _place(builder, *arguments[:2]))
-        return context.get_dummy_value()
-
-    return types.none(rows, k, value), build
+def _is_row(rows: types.Type, k: types.Type, *_: types.Type) -> bool:
+    return rows == ROWS and not isinstance(k, types.BaseTuple)
 
 
-@overload(operator.setitem)
-def _setitem(rows, k, value):
-    if rows == ROWS and isinstance(k, types.BaseTuple):
-        return lambda rows, k, value: _set_number(
-            rows, (np.int64(k[0]), np.int64(k[1])), float(value)
-        )
-    return (lambda rows, k, value: _set(rows, k, value)) if rows == ROWS else None
+def _is_number(rows: types.Type, k: types.Type, *_: types.Type) -> bool:
+    return rows == ROWS and isinstance(k, types.BaseTuple)
 
 
-@intrinsic
-def _from_row(_context, rows, k):
-    def build(_context, builder, _signature, arguments):
-        return builder.gep(arguments[0], [arguments[1]])
+compiled_as(
+    VECTOR,
+    lambda _context, builder, _kinds, rows, k: builder.load(builder.gep(rows, [k]), align=64),
+    _is_row,
+)(operator.getitem)
+compiled_as(
+    types.none,
+    lambda _context, builder, kinds, rows, k, value: builder.store(
+        spread(builder, kinds[2], value), builder.gep(rows, [k]), align=64
+    ),
+    _is_row,
+)(operator.setitem)
 
-    return ROWS(rows, k), build
+
+@defines(operator.getitem, _is_number)
+def _number(rows, k):
+    return _get_number(rows, (np.int64(k[0]), np.int64(k[1])))
 
 
+@defines(operator.setitem, _is_number)
+def _number_set(rows, k, value):
+    _set_number(rows, (np.int64(k[0]), np.int64(k[1])), float(value))
+
+
+@compiled_as(
+    ROWS,
+    lambda _context, builder, _kinds, rows, k: builder.gep(rows, [k]),
+    lambda rows, _: rows == ROWS,
+)
 def from_row(rows: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     """Return the rows from one of them on, lent as they are."""
     return rows[k:]
 
 
-@overload(from_row)
-def _compiled_from_row(rows, k):
-    return (lambda rows, k: _from_row(rows, k)) if rows == ROWS else None
-
-
-@intrinsic
-def _load(_context, lanes, row, i):
-    def build(context, builder, signature, arguments):
-        return builder.load(_pointer(context, builder, signature, arguments), align=8)
-
-    return VECTOR(lanes, row, i), build
-
-
-@intrinsic
-def _store(_context, lanes, row, i, value):
-    def build(context, builder, signature, arguments):
-        builder.store(arguments[3], _pointer(context, builder, signature, arguments), align=8)
-        return context.get_dummy_value()
-
-    return types.none(lanes, row, i, value), build
-
-
-def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _pointer(context: Any, builder: Any, kinds: Any, lanes: Any, *place: Any) -> Any:
     """Return the address of LANES lanes of a row."""
-    kind = signature.args[0]
-    array = context.make_array(kind)(context, builder, arguments[0])
-    place = [
-        context.cast(builder, value, given, types.intp)
-        for value, given in zip(arguments[1:3], signature.args[1:3], strict=True)
+    array = context.make_array(kinds[0])(context, builder, lanes)
+    row_and_lane = [
+        context.cast(builder, value, kind, types.intp)
+        for value, kind in zip(place, kinds[1:3], strict=True)
     ]
-    first = get_item_pointer(context, builder, kind, array, place, wraparound=False)
+    first = get_item_pointer(context, builder, kinds[0], array, row_and_lane, wraparound=False)
     return builder.bitcast(first, NUMBERS.as_pointer())
 
 
+@compiled_as(
+    VECTOR,
+    lambda context, builder, kinds, *place: builder.load(
+        _pointer(context, builder, kinds, *place), align=8
+    ),
+)
 def load(lanes: NDArray[np.float64], row: int, i: int) -> NDArray[np.float64]:
     """Return a row of the lanes i .. i + LANES - 1, which must exist."""
     return lanes[row, i : i + LANES].copy()
 
 
-@overload(load)
-def _compiled_load(lanes, row, i):
-    return lambda lanes, row, i: _load(lanes, row, i)
-
-
+@compiled_as(
+    types.none,
+    lambda context, builder, kinds, lanes, row, i, value: builder.store(
+        value, _pointer(context, builder, kinds, lanes, row, i), align=8
+    ),
+)
 def store(lanes: NDArray[np.float64], row: int, i: int, value: NDArray[np.float64]) -> None:
     """Write a row of the lanes i .. i + LANES - 1, which must exist."""
     lanes[row, i : i + LANES] = value
-
-
-@overload(store)
-def _compiled_store(lanes, row, i, value):
-    return lambda lanes, row, i, value: _store(lanes, row, i, value)
 
 
 def rows_on_stack(count: int) -> Callable[[], NDArray[np.float64]]:
@@ -188,14 +143,10 @@ def rows_on_stack(count: int) -> Callable[[], NDArray[np.float64]]:
     if not COMPILED:
         return lambda: np.zeros((count, LANES))
 
-    @intrinsic
-    def rows(_context):
-        def build(_context, builder, _signature, _arguments):
-            return alloca_once(builder, NUMBERS, size=ir.Constant(ir.IntType(64), count))
+    def build(_context, builder, _kinds):
+        return alloca_once(builder, NUMBERS, size=ir.Constant(ir.IntType(64), count))
 
-        return ROWS(), build
-
-    return rows
+    return instruction(0, ROWS, build)
 
 
 def lane_copier(count: int) -> Callable[..., None]:
@@ -211,42 +162,28 @@ def lane_copier(count: int) -> Callable[..., None]:
 
         return copy
 
-    @intrinsic
-    def copy_lane(_context, one, k, other, slot):
-        def build(context, builder, _signature, arguments):
-            double = ir.DoubleType().as_pointer()
-            source, target = (
-                builder.gep(builder.bitcast(rows, double), [lane])
-                for rows, lane in (arguments[:2], arguments[2:])
-            )
-            for row in range(count):
-                apart = [ir.Constant(ir.IntType(64), LANES * row)]
-                builder.store(builder.load(builder.gep(source, apart)), builder.gep(target, apart))
-            return context.get_dummy_value()
+    def build(_context: Any, builder: Any, _kinds: Any, *places: Any) -> None:
+        double = ir.DoubleType().as_pointer()
+        source, target = (
+            builder.gep(builder.bitcast(rows, double), [lane])
+            for rows, lane in (places[:2], places[2:])
+        )
+        for row in range(count):
+            apart = [ir.Constant(ir.IntType(64), LANES * row)]
+            builder.store(builder.load(builder.gep(source, apart)), builder.gep(target, apart))
 
-        return types.none(one, types.int64, other, types.int64), build
-
-    return copy_lane
+    return instruction(4, types.none, build)
 
 
-@intrinsic
-def _prefetch(_context, lanes, row, i):
-    def build(context, builder, signature, arguments):
-        byte, integer = ir.IntType(8).as_pointer(), ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [byte, integer, integer, integer])
-        function = get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
-        place = builder.bitcast(_pointer(context, builder, signature, arguments), byte)
-        to_write, keep, data = (ir.Constant(integer, value) for value in (1, 3, 1))
-        builder.call(function, [place, to_write, keep, data])
-        return context.get_dummy_value()
-
-    return types.none(lanes, row, i), build
+def _prefetched(context: Any, builder: Any, kinds: Any, *place: Any) -> None:
+    byte, integer = ir.IntType(8).as_pointer(), ir.IntType(32)
+    kind = ir.FunctionType(ir.VoidType(), [byte, integer, integer, integer])
+    function = get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+    address = builder.bitcast(_pointer(context, builder, kinds, *place), byte)
+    to_write, keep, data = (ir.Constant(integer, value) for value in (1, 3, 1))
+    builder.call(function, [address, to_write, keep, data])
 
 
+@compiled_as(types.none, _prefetched)
 def prefetch(lanes: NDArray[np.float64], row: int, i: int) -> None:
     """Fetch a lane's number into the cache, for what comes a little later."""
-
-
-@overload(prefetch)
-def _compiled_prefetch(lanes, row, i):
-    return lambda lanes, row, i: _prefetch(lanes, row, i)

@@ -11,70 +11,39 @@ from __future__ import annotations
 
 import math
 import operator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, models, overload, register_model
+from numpy.typing import NDArray
 
+from mm_gym.compiler.llvm_code import compiled_as, defines, instruction, value_type
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.elementary import cosine_and_sine, exp_of, log_of, power
 from mm_gym.lanes.simd import LANES, NUMBERS, VECTOR, alike, everywhere, root
 from mm_gym.lanes.simd_masks import where
 from mm_gym.lanes.simd_memory import ROWS, from_row
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-
-class _Tangent(types.Type):
-    def __init__(self) -> None:
-        super().__init__(f"Tangent({LANES})")
+_NUMBER = ir.LiteralStructType([ir.DoubleType(), NUMBERS])
+TANGENT = value_type(f"Tangent({LANES})", _NUMBER)
+TANGENTS = value_type(f"Tangents({LANES})", NUMBERS.as_pointer())
 
 
-class _Tangents(types.Type):
-    def __init__(self) -> None:
-        super().__init__(f"Tangents({LANES})")
+def _has_tangents(*kinds: types.Type) -> bool:
+    return TANGENT in kinds
 
 
-TANGENT, TANGENTS = _Tangent(), _Tangents()
+def _built(builder: Any, value: Any, slopes: Any) -> Any:
+    """Return a number with tangents of its value and its slopes."""
+    whole = builder.insert_value(ir.Constant(_NUMBER, ir.Undefined), value, 0)
+    return builder.insert_value(whole, slopes, 1)
 
 
-@register_model(_Tangent)
-class _TangentModel(models.PrimitiveModel):
-    def __init__(self, manager: object, fe_type: object) -> None:
-        super().__init__(manager, fe_type, ir.LiteralStructType([ir.DoubleType(), NUMBERS]))
-
-
-@register_model(_Tangents)
-class _TangentsModel(models.PrimitiveModel):
-    def __init__(self, manager: object, fe_type: object) -> None:
-        super().__init__(manager, fe_type, NUMBERS.as_pointer())
-
-
-@intrinsic
-def _tangent(_context, value, slopes):
-    def build(context, builder, _signature, arguments):
-        kind = context.get_value_type(TANGENT)
-        whole = builder.insert_value(ir.Constant(kind, ir.Undefined), arguments[0], 0)
-        return builder.insert_value(whole, arguments[1], 1)
-
-    return TANGENT(value, slopes), build
-
-
-@intrinsic
-def _value(_context, x):
-    return types.float64(x), lambda _c, builder, _s, arguments: builder.extract_value(
-        arguments[0], 0
-    )
-
-
-@intrinsic
-def _slopes(_context, x):
-    return VECTOR(x), lambda _c, builder, _s, arguments: builder.extract_value(arguments[0], 1)
+_tangent = instruction(
+    2, TANGENT, lambda _context, builder, _kinds, value, slopes: _built(builder, value, slopes)
+)
 
 
 def tangent(value: float, slopes: NDArray[np.float64]) -> Any:
@@ -82,37 +51,34 @@ def tangent(value: float, slopes: NDArray[np.float64]) -> Any:
     raise NotImplementedError  # compiled code only: Python differentiates by what it calls
 
 
-@overload(tangent)
-def _compiled_tangent(value, slopes):
-    return lambda value, slopes: _tangent(float(value), slopes)
+defines(tangent, lambda *_: True)(lambda value, slopes: _tangent(float(value), slopes))
 
 
+@compiled_as(
+    types.float64, lambda _context, builder, _kinds, x: builder.extract_value(x, 0), _has_tangents
+)
 def value_of(x: Any) -> float:
     """Return the value of a number with or without tangents."""
     return x
 
 
-@overload(value_of)
-def _compiled_value(x):
-    return (lambda x: _value(x)) if x == TANGENT else (lambda x: float(x))
+defines(value_of, lambda x: x != TANGENT)(lambda x: float(x))
 
 
+@compiled_as(
+    VECTOR, lambda _context, builder, _kinds, x: builder.extract_value(x, 1), _has_tangents
+)
 def slopes_of(x: Any) -> NDArray[np.float64]:
     """Return the slopes of a number, 0 of one without tangents."""
     return np.zeros(LANES)
 
 
-@overload(slopes_of)
-def _compiled_slopes(x):
-    return (lambda x: _slopes(x)) if x == TANGENT else (lambda x: everywhere(0.0))
+defines(slopes_of, lambda x: x != TANGENT)(lambda x: everywhere(0.0))
 
 
-def _define(function: Callable[..., Any], implementation: Callable[..., Any]) -> None:
-    """Define a function of two numbers of which one has tangents."""
-
-    @overload(function)
-    def _(x, y):
-        return implementation if TANGENT in (x, y) else None
+def _define(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a decorator of what a function does with numbers of which one has tangents."""
+    return defines(function, _has_tangents)
 
 
 def _plus(slopes: Any, x: Any, weight: float) -> Any:
@@ -120,13 +86,17 @@ def _plus(slopes: Any, x: Any, weight: float) -> Any:
     raise NotImplementedError
 
 
-@overload(_plus)
-def _compiled_plus(slopes, x, weight):
-    if x != TANGENT:
-        return lambda slopes, x, weight: slopes
-    if slopes == types.none:
-        return lambda slopes, x, weight: slopes_of(x) * weight
-    return lambda slopes, x, weight: fma(slopes_of(x), weight, slopes)
+defines(_plus, lambda _, x, __: x != TANGENT)(lambda slopes, x, weight: slopes)
+
+
+@defines(_plus, lambda slopes, x, _: x == TANGENT and slopes == types.none)
+def _first(slopes, x, weight):
+    return slopes_of(x) * weight
+
+
+@defines(_plus, lambda slopes, x, _: x == TANGENT and slopes != types.none)
+def _next(slopes, x, weight):
+    return fma(slopes_of(x), weight, slopes)
 
 
 def _own(x: Any) -> Any:
@@ -134,126 +104,87 @@ def _own(x: Any) -> Any:
     raise NotImplementedError
 
 
-@overload(_own)
-def _compiled_own(x):
-    return (lambda x: slopes_of(x)) if x == TANGENT else (lambda x: None)
+defines(_own, _has_tangents)(lambda x: slopes_of(x))
+defines(_own, lambda x: x != TANGENT)(lambda x: None)
 
 
-_define(
-    operator.add,
-    lambda x, y: tangent(value_of(x) + value_of(y), _plus(_own(x), y, 1.0)),
-)
-_define(
-    operator.sub,
-    lambda x, y: tangent(value_of(x) - value_of(y), _plus(_own(x), y, -1.0)),
-)
-_define(
-    operator.mul,
-    lambda x, y: tangent(
-        value_of(x) * value_of(y), _plus(_plus(None, y, value_of(x)), x, value_of(y))
-    ),
-)
-_define(operator.lt, lambda x, y: value_of(x) < value_of(y))
-_define(operator.le, lambda x, y: value_of(x) <= value_of(y))
-_define(operator.gt, lambda x, y: value_of(x) > value_of(y))
-_define(operator.ge, lambda x, y: value_of(x) >= value_of(y))
-_define(operator.eq, lambda x, y: value_of(x) == value_of(y))
+_define(operator.add)(lambda x, y: tangent(value_of(x) + value_of(y), _plus(_own(x), y, 1.0)))
+_define(operator.sub)(lambda x, y: tangent(value_of(x) - value_of(y), _plus(_own(x), y, -1.0)))
+_define(operator.neg)(lambda x: tangent(-value_of(x), -slopes_of(x)))
+_define(operator.lt)(lambda x, y: value_of(x) < value_of(y))
+_define(operator.le)(lambda x, y: value_of(x) <= value_of(y))
+_define(operator.gt)(lambda x, y: value_of(x) > value_of(y))
+_define(operator.ge)(lambda x, y: value_of(x) >= value_of(y))
+_define(operator.eq)(lambda x, y: value_of(x) == value_of(y))
+_define(abs)(lambda x: -x if value_of(x) < 0.0 else x)
 
 
-@overload(operator.truediv)
+@_define(operator.mul)
+def _product(x, y):
+    slopes = _plus(_plus(None, y, value_of(x)), x, value_of(y))
+    return tangent(value_of(x) * value_of(y), slopes)
+
+
+@_define(operator.truediv)
 def _quotient(x, y):
-    def divide(x, y):
-        quotient, by = value_of(x) / value_of(y), 1.0 / value_of(y)
-        return tangent(quotient, _plus(_own(x), y, -quotient) * by)
-
-    return divide if TANGENT in (x, y) else None
+    quotient, by = value_of(x) / value_of(y), 1.0 / value_of(y)
+    return tangent(quotient, _plus(_own(x), y, -quotient) * by)
 
 
-@overload(operator.neg)
-def _negative(x):
-    return (lambda x: tangent(-value_of(x), -slopes_of(x))) if x == TANGENT else None
-
-
-@overload(abs)
-def _absolute(x):
-    return (lambda x: -x if value_of(x) < 0.0 else x) if x == TANGENT else None
-
-
-@overload(fma)
+@_define(fma)
 def _fused(x, y, z):
-    def multiply_and_add(x, y, z):
-        slopes = _plus(_plus(_own(z), y, value_of(x)), x, value_of(y))
-        return tangent(fma(value_of(x), value_of(y), value_of(z)), slopes)
-
-    return multiply_and_add if TANGENT in (x, y, z) else None
+    slopes = _plus(_plus(_own(z), y, value_of(x)), x, value_of(y))
+    return tangent(fma(value_of(x), value_of(y), value_of(z)), slopes)
 
 
-@overload(where)
+@_define(where)
 def _chosen(condition, x, y):
-    def choose(condition, x, y):
-        slopes = slopes_of(x) if condition else slopes_of(y)
-        return tangent(value_of(x) if condition else value_of(y), slopes)
-
-    return choose if TANGENT in (x, y) else None
+    slopes = slopes_of(x) if condition else slopes_of(y)
+    return tangent(value_of(x) if condition else value_of(y), slopes)
 
 
-@overload(alike)
+@defines(alike, lambda x, _: x == TANGENT)
 def _constant(x, value):
-    return (lambda x, value: tangent(value, everywhere(0.0))) if x == TANGENT else None
+    return tangent(value, everywhere(0.0))
 
 
-@overload(math.cos)
+@_define(math.cos)
 def _cosine(x):
-    def project(x):
-        cosine, sine = cosine_and_sine(value_of(x))
-        return tangent(cosine, slopes_of(x) * -sine)
-
-    return project if x == TANGENT else None
+    cosine, sine = cosine_and_sine(value_of(x))
+    return tangent(cosine, slopes_of(x) * -sine)
 
 
-@overload(math.sin)
+@_define(math.sin)
 def _sine(x):
-    def project(x):
-        cosine, sine = cosine_and_sine(value_of(x))
-        return tangent(sine, slopes_of(x) * cosine)
-
-    return project if x == TANGENT else None
+    cosine, sine = cosine_and_sine(value_of(x))
+    return tangent(sine, slopes_of(x) * cosine)
 
 
-@overload(root)
+@_define(root)
 def _root(x):
-    def extract(x):
-        value = root(value_of(x))
-        return tangent(value, slopes_of(x) * (0.5 / value))
-
-    return extract if x == TANGENT else None
+    value = root(value_of(x))
+    return tangent(value, slopes_of(x) * (0.5 / value))
 
 
-@overload(exp_of)
+@_define(exp_of)
 def _exponential(x):
-    def grow(x):
-        value = exp_of(value_of(x))
-        return tangent(value, slopes_of(x) * value)
-
-    return grow if x == TANGENT else None
+    value = exp_of(value_of(x))
+    return tangent(value, slopes_of(x) * value)
 
 
-@overload(power)
+@_define(power)
 def _power(x, exponent):
-    def raise_to(x, exponent):
-        base, n = value_of(x), value_of(exponent)
-        value = power(base, n)
-        slopes = slopes_of(x) * (n * power(base, n - 1.0))
-        return tangent(value, fma(slopes_of(exponent), value * log_of(base), slopes))
-
-    return raise_to if TANGENT in (x, exponent) else None
+    base, n = value_of(x), value_of(exponent)
+    value = power(base, n)
+    slopes = slopes_of(x) * (n * power(base, n - 1.0))
+    return tangent(value, fma(slopes_of(exponent), value * log_of(base), slopes))
 
 
-@intrinsic
-def _tangents_of(_context, rows):
-    return TANGENTS(rows), lambda _c, _b, _s, arguments: arguments[0]
+def _lent(_context: Any, _builder: Any, _kinds: Any, rows: Any) -> Any:
+    return rows
 
 
+@compiled_as(TANGENTS, _lent, lambda rows: rows == ROWS)
 def tangents_of(rows: NDArray[np.float64]) -> Any:
     """Return rows of vectors as half as many numbers with tangents, lent as they are.
 
@@ -263,24 +194,10 @@ def tangents_of(rows: NDArray[np.float64]) -> Any:
     raise NotImplementedError
 
 
-@overload(tangents_of)
-def _compiled_tangents(rows):
-    return (lambda rows: _tangents_of(rows)) if rows == ROWS else None
-
-
-@intrinsic
-def _vectors_of(_context, rows):
-    return ROWS(rows), lambda _c, _b, _s, arguments: arguments[0]
-
-
+@compiled_as(ROWS, _lent, lambda rows: rows == TANGENTS)
 def vectors_of(rows: Any) -> NDArray[np.float64]:
     """Return numbers with tangents as the rows of vectors that they are kept in."""
     raise NotImplementedError
-
-
-@overload(vectors_of)
-def _compiled_vectors(rows):
-    return (lambda rows: _vectors_of(rows)) if rows == TANGENTS else None
 
 
 def _place(builder: Any, rows: Any, k: Any, part: int) -> Any:
@@ -289,55 +206,42 @@ def _place(builder: Any, rows: Any, k: Any, part: int) -> Any:
     return builder.gep(rows, [row])
 
 
-@intrinsic
-def _get(_context, rows, k):
-    def build(context, builder, _signature, arguments):
-        first = builder.bitcast(_place(builder, *arguments, 0), ir.DoubleType().as_pointer())
-        kind = context.get_value_type(TANGENT)
-        whole = builder.insert_value(ir.Constant(kind, ir.Undefined), builder.load(first), 0)
-        slopes = builder.load(_place(builder, *arguments, 1), align=64)
-        return builder.insert_value(whole, slopes, 1)
-
-    return TANGENT(rows, k), build
+def _built_get(_context: Any, builder: Any, _kinds: Any, rows: Any, k: Any) -> Any:
+    first = builder.bitcast(_place(builder, rows, k, 0), ir.DoubleType().as_pointer())
+    return _built(builder, builder.load(first), builder.load(_place(builder, rows, k, 1), align=64))
 
 
-@intrinsic
-def _set(_context, rows, k, x):
-    def build(context, builder, _signature, arguments):
-        rows, k, x = arguments
-        first = builder.bitcast(_place(builder, rows, k, 0), ir.DoubleType().as_pointer())
-        builder.store(builder.extract_value(x, 0), first)
-        builder.store(builder.extract_value(x, 1), _place(builder, rows, k, 1), align=64)
-        return context.get_dummy_value()
-
-    return types.none(rows, k, x), build
+def _built_set(_context: Any, builder: Any, _kinds: Any, rows: Any, k: Any, x: Any) -> None:
+    first = builder.bitcast(_place(builder, rows, k, 0), ir.DoubleType().as_pointer())
+    builder.store(builder.extract_value(x, 0), first)
+    builder.store(builder.extract_value(x, 1), _place(builder, rows, k, 1), align=64)
 
 
-@intrinsic
-def _from(_context, rows, k):
-    return TANGENTS(rows, k), lambda _c, builder, _s, arguments: _place(builder, *arguments, 0)
+_get = instruction(2, TANGENT, _built_get)
+_set = instruction(3, types.none, _built_set)
+_from = instruction(
+    2, TANGENTS, lambda _context, builder, _kinds, rows, k: _place(builder, rows, k, 0)
+)
 
 
-@overload(operator.getitem)
-def _getitem(rows, k):
-    if rows == TANGENTS and isinstance(k, types.BaseTuple):
-        return lambda rows, k: vectors_of(rows)[2 * k[0] + 1, k[1]]
-    return (lambda rows, k: _get(rows, np.int64(k))) if rows == TANGENTS else None
+def _is_number(rows: types.Type, k: types.Type, *_: types.Type) -> bool:
+    return rows == TANGENTS and not isinstance(k, types.BaseTuple)
 
 
-@overload(operator.setitem)
-def _setitem(rows, k, x):
-    if rows != TANGENTS:
-        return None
-
-    def set_slope(rows, k, x):
-        vectors_of(rows)[2 * k[0] + 1, k[1]] = x
-
-    if isinstance(k, types.BaseTuple):
-        return set_slope
-    return lambda rows, k, x: _set(rows, np.int64(k), tangent(value_of(x), slopes_of(x)))
+def _is_slope(rows: types.Type, k: types.Type, *_: types.Type) -> bool:
+    return rows == TANGENTS and isinstance(k, types.BaseTuple)
 
 
-@overload(from_row)
-def _compiled_from(rows, k):
-    return (lambda rows, k: _from(rows, np.int64(k))) if rows == TANGENTS else None
+defines(operator.getitem, _is_number)(lambda rows, k: _get(rows, np.int64(k)))
+defines(operator.getitem, _is_slope)(lambda rows, k: vectors_of(rows)[2 * k[0] + 1, k[1]])
+defines(from_row, _is_number)(lambda rows, k: _from(rows, np.int64(k)))
+
+
+@defines(operator.setitem, _is_number)
+def _number_set(rows, k, x):
+    _set(rows, np.int64(k), tangent(value_of(x), slopes_of(x)))
+
+
+@defines(operator.setitem, _is_slope)
+def _slope_set(rows, k, x):
+    vectors_of(rows)[2 * k[0] + 1, k[1]] = x
