@@ -47,8 +47,9 @@ FIELDS = {
 RELATIVE, ABSOLUTE, SMALLEST = 1e-13, 1e-17, 1e-7
 """Errors of SciPy's steps: relative, in units of a state's size, and the least size."""
 
-STEPS = 20
-"""Of a control step at least: estimates miss kinks between two stages."""
+STEPS, FINER = 20, 10
+"""Of a control step at least: estimates miss kinks between two stages; and how many times as many
+settle a doubt."""
 
 
 @njit
@@ -127,7 +128,7 @@ def _rates(t, state, kinds, body, spring, p, held, lines, oscillators):
 
 
 def end_of(
-    numbers: dict[str, float], kinds: tuple[str, str], step: Step, start: Array
+    numbers: dict[str, float], kinds: tuple[str, str], step: Step, start: Array, steps: int = STEPS
 ) -> tuple[Array, Array]:
     """Return the end of a control step, and the largest magnitudes on the way.
 
@@ -142,6 +143,8 @@ def end_of(
         What excites it.
     start
         (n,) x1, x2 [m], v1, v2 [m/s], and the interface's own states.
+    steps
+        Made of the control step at least.
     """
 
     def values(part: str, fields: Sequence[str]) -> Array:
@@ -174,7 +177,7 @@ def end_of(
                 args=(*fixed, lines, waves),
                 rtol=RELATIVE,
                 atol=ABSOLUTE * np.maximum(largest, SMALLEST),
-                max_step=total / STEPS,
+                max_step=total / steps,
             )
         assert found.success
         state, now = found.y[:, -1], now + length

@@ -17,10 +17,12 @@ from mm_gym import (
     simulate,
 )
 from mm_gym.compiler.jit import plain
+from mm_gym.lanes import layout
 from mm_gym.law import magnetorheological
 from mm_gym.methods.base import Settings
 from mm_gym.methods.runge_kutta.method import plan_of
 from mm_gym.metrics import response
+from mm_gym.simulation.energy import quadrature
 from mm_gym.simulation.lanes import Lanes
 
 from .test_interfaces import EXCITATION, FAST, SPRINGS, _difference
@@ -302,6 +304,29 @@ def test_power_goes_into_its_springs_dashpots_and_yield() -> None:
         lost = c0 * sheared**2 + c1 * flow**2 + alpha / values["gain"] * yielding * z**2
         rate = stored(0.5) - stored(-0.5)  # exact: it is of second order
         assert force(p, x, v, own) * v == pytest.approx(rate + lost, rel=1e-10, abs=1e-10)
+
+
+def test_energy_balances_where_the_tightest_tolerance_takes_too_many_steps() -> None:
+    names, soft = ("hysteresis", "gamma", "beta"), scene_of().interface
+    stiff = {f"interface.{name}": 10.0 * getattr(soft, name) for name in names}
+    plant = compile_scene(scene_of(**stiff, **{"sphere.mass": 0.02, "solver.tolerance": 1e-6}))
+    tightest = Settings(quadrature.TOLERANCE, None)
+    assert plant.method.failing(plant.support, tightest) is not None
+    motion = simulate(plant, duration=0.2, seed=0)
+    gap = np.abs(motion.energy - motion.energy[0] - motion.work.total).max()
+    # The motion's own error of 1e-6 a step is its promise; the balance shows 6e-12.
+    assert gap <= 1e-9 * motion.work.throughput[-1]
+
+
+def test_interval_that_no_plan_exists_for_is_refused() -> None:
+    plant = compile_scene(scene_of())
+    lanes = Lanes(plant, 3)
+    lanes.seed(0)
+    lanes.restart()
+    longer = plant.at_interval(20.0)
+    assert plan_of(longer.support, longer.settings) is None
+    status = plant.entries.propagate(longer.model, lanes.values, 0, 3)
+    assert status == layout.TOO_MANY_STEPS
 
 
 @pytest.mark.parametrize("voltage", [0.0, 2.25])

@@ -102,6 +102,8 @@ def propagate_with(interface: Interface) -> Callable[..., int]:
 
     @borrowing_kernel
     def propagate(model, lanes, first, last):
+        if not model[slots.STEPS] > 0.0:  # it has no plan for an interval of this length
+            return layout.TOO_MANY_STEPS
         return _propagate(interface, model, lanes, first, last)
 
     return propagate

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
-from mm_gym.methods.base import Settings
 from mm_gym.methods.support import fastest_rate
 from mm_gym.sensitivity.layout import TANGENTS
 from mm_gym.sensitivity.model import model_of
@@ -43,7 +42,7 @@ HALVINGS = 10
 an episode, an impulse or a new voltage finds them at."""
 
 TOLERANCE = 1e-12
-"""Of the motion to the nodes."""
+"""Of the motion to the nodes, or the next power of ten that a stiff interface allows."""
 
 
 def integrals_by_series(recording: Recording, start: tuple[Array, ...], duration: float) -> Array:
@@ -66,14 +65,14 @@ def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -
 
     What the interface stores is not dissipated.
     """
-    plant, states = _tight(recording.plant), start[0]
+    plant, states = _tight(recording.plant, duration), start[0]
     lanes = lanes_at(recording, start)
     panels = max(FEWEST, math.ceil(fastest_rate(plant.support) * duration / LONGEST))
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     total = np.zeros((len(states), 2))
     graded = 0.5 ** np.arange(HALVINGS if plant.support.interface.states else 0, 0, -1)
     edges = np.concatenate([[0.0], graded, np.arange(1.0, panels + 1.0)]) / panels
-    for begin, end in pairwise(edges.tolist()):
+    for begin, end in itertools.pairwise(edges.tolist()):
         for node, weight in zip(nodes, weights, strict=True):
             part = begin + 0.5 * (1.0 + float(node)) * (end - begin)
             powers = _powers(plant, lanes, *_at(plant, lanes, part, duration))
@@ -85,9 +84,15 @@ def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -
 
 
 @lru_cache(maxsize=64)
-def _tight(plant: Plant) -> Plant:
-    """Return the plant with a tight tolerance."""
-    return replace(plant, settings=Settings(TOLERANCE, plant.settings.substeps))
+def _tight(plant: Plant, duration: float) -> Plant:
+    """Return the plant with the tightest tolerance, its own at most, that its method can plan."""
+    support, own = plant.at_interval(duration).support, plant.settings.tolerance
+    tighter = (TOLERANCE * 10.0**k for k in range(12))
+    for tolerance in itertools.takewhile(lambda tolerance: tolerance < own, tighter):
+        settings = plant.settings._replace(tolerance=tolerance)
+        if plant.method.failing(support, settings) is None:
+            return replace(plant, settings=settings)
+    return plant
 
 
 def _at(plant: Plant, lanes: Array, part: float, duration: float) -> tuple[Array, Array, Array]:
