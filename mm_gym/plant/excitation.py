@@ -419,10 +419,7 @@ KINDS: dict[str, Kind[Any]] = {
 def samples_of(name: str, part: Any) -> tuple[Any, Array, float]:  # noqa: ANN401 - of any kind
     """Return a part, whose pattern of files is replaced by what it found, and its `Kind.samples`.
 
-    Raises
-    ------
-    SceneError
-        If a record cannot be read: the field, the file, and its line and column.
+    A record that cannot be read is refused with field, file, line and column.
     """
     try:
         if isinstance(part, Recorded) and part.files is not None:
@@ -486,13 +483,6 @@ def lay_out(scene: Scene, rate: float, turn: float = inf) -> Layout:
     """Lay out a scene's excitation, given the fastest rate of its plant [1/s].
 
     In a sample interval a harmonic may turn by so much [rad].
-
-    Raises
-    ------
-    SceneError
-        If a record cannot be read; the message names its field.
-    CompileError
-        If a control step has too many sample intervals.
     """
     parts = _parts(scene)
     intervals, has_corners = _divide(scene, parts, rate)

@@ -92,12 +92,8 @@ class InterfaceSlopes(NamedTuple):
 def interface_slopes(support: Support, row: Array) -> InterfaceSlopes:
     """Return the slopes of an interface in value form, at the state of a lane (rows,).
 
-    States of its own are 0 at the point, and follow motions that are small and slow.
-
-    Raises
-    ------
-    SceneError
-        If its own states would leave 0 by themselves.
+    States of its own are 0 at the point, and follow motions that are small and slow; a point at
+    which they would leave 0 by themselves is refused.
     """
     if not support.is_general:
         return InterfaceSlopes()
@@ -147,13 +143,7 @@ def values_about(support: Support, row: Array) -> dict[str, Decimal]:
 
 
 def tangent(support: Support, row: Array) -> Tangent:
-    """Return the motion about the state that a lane (rows,) is in.
-
-    Raises
-    ------
-    CompileError
-        If the carriage has no mass.
-    """
+    """Return the motion about the state that a lane (rows,) is in."""
     if row[layout.M1] == 0.0:
         msg = "carriage.mass: 0 leaves three states; state_space needs some mass"
         raise CompileError(msg)

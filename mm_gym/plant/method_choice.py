@@ -1,49 +1,7 @@
-"""The choice of a method for a scene, by the decision table of methods, and its reasons.
+"""The choice of a method for a scene, and its reasons.
 
-The table is `mm_gym.methods.METHODS`, in order; each row is for what no row before it takes:
-
-===============================================  ==================  ==============================
-the scene's support                              plant               propagation
-===============================================  ==================  ==============================
-no interface, no springs                         linear              transition matrix; the sphere
-                                                                     flies free
-viscous interface and/or fixed stretch, cubic    linear              transition matrix, excitation
-  coefficient 0, no parameter and no frequency                       as exosystem
-  randomised
-carriage without mass, otherwise linear          massless carriage   transition matrix of three
-                                                                     states
-actuated stretch or damping, or randomised       parametric linear   truncated series
-  parameters or frequency, tolerance above 1e-9
-actuated stretch or randomised frequency, in     parametric linear   exponential as a cubic in the
-  short sample intervals; no harmonic shakes                         generator, polynomials in
-  the ground, and with a harmonic force there                        the springs' stiffness
-  is damping
-the same otherwise, or with randomised           parametric linear   Taylor series of the
-  parameters                                                         exponential's action
-dry friction that provably never slips           as a viscous interface of damping mu1 F_N / v_r
-dry friction, cubic coefficient 0, no parameter  switched linear     transition matrices, crossings
-  and no frequency randomised; excitation by                         bisected
-  harmonics and impulses only
-the same with actuated stretch, randomised       parametric          Runge-Kutta pairs, or a Taylor
-  parameters or frequency, or other excitation   switched linear     series for each regime at
-                                                                     tolerances of 1e-9 and below
-cubic coefficient above 0, linear coefficient 0  smooth nonlinear    splitting, extrapolated
-  or above, short sample intervals, no finite
-  stretch, no corners of records inside
-  intervals, tolerance above 1e-9
-any other cubic coefficient, or finite stretch   smooth nonlinear    Runge-Kutta pairs; a Taylor
-                                                                     series at tight tolerances
-the same with dry friction                       switched nonlinear  the same, crossings located
-Stribeck friction or Bouc-Wen hysteresis         general nonlinear   Runge-Kutta pairs
-cubic coefficient below 0                        smooth or switched  Taylor series, crossings
-                                                 nonlinear           located
-===============================================  ==================  ==============================
-
-Runge-Kutta pairs leave fast harmonics, many excitations at once, and sample intervals that take
-many steps, to the series of the same row.
-
-A rigid lock needs no plant of its own: the linear one keeps its bound for any damping of the
-interface.
+The decision table is `mm_gym.methods.METHODS`, in order; each row is for what no row before it
+takes. Section 1 of docs/numerics.md says what that comes to.
 """
 
 from __future__ import annotations
@@ -70,13 +28,7 @@ def settings_of(solver: Solver) -> methods.Settings:
 
 
 def choose(solver: Solver, support: Support) -> tuple[Method, tuple[str, ...]]:
-    """Return the first method of the table that applies and has the name asked for, and why.
-
-    Raises
-    ------
-    CompileError
-        If the method asked for does not apply.
-    """
+    """Return the first method of the table that applies and has the name asked for, and why."""
     asked, settings = solver.method, settings_of(solver)
     skipped: dict[Method, str] = {}
     chosen = next((m for m in methods.METHODS if _takes(m, support, settings, skipped)), None)

@@ -25,14 +25,7 @@ if TYPE_CHECKING:
 def lane_at(
     support: Support, values: Mapping[str, float] | ArrayLike | None, about: ArrayLike | None
 ) -> Array:
-    """Return the lane (rows,) with some values, and the state of the point.
-
-    Raises
-    ------
-    SceneError
-        If a name is unknown, a value is not one that the scene was compiled for, or an array has
-        the wrong shape.
-    """
+    """Return the lane (rows,) with some values that it was compiled for, at a state (4,)."""
     if values is None or hasattr(values, "keys"):
         row = support.middle
         named: Mapping[str, float] = values or {}  # pyright: ignore[reportAssignmentType, reportUnknownVariableType]

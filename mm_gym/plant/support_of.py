@@ -55,15 +55,7 @@ CONSTANT = (layout.FORCE, layout.STRETCH, layout.DAMPING, *range(layout.M1, layo
 
 
 def support_of(scene: Scene) -> Support:
-    """Collect the values that randomisation, initial ranges and actuation can reach.
-
-    Raises
-    ------
-    SceneError
-        If a record cannot be read.
-    CompileError
-        If the excitation divides a control step too finely.
-    """
+    """Collect the values that randomisation, initial ranges and actuation can reach."""
     interface = _interface(scene)
     own = [] if interface is LINE else list(interface.fields)
     known = ROWS if interface is LINE else [n for n in ROWS if not n.startswith("interface.")]
@@ -109,10 +101,8 @@ def support_of(scene: Scene) -> Support:
         high[layout.FORCE] = scene.actuation.force.limit
         low[layout.FORCE] = -high[layout.FORCE]
     if scene.actuation.stretch is not None:
-        low[layout.STRETCH], high[layout.STRETCH] = (
-            scene.actuation.stretch.minimum,
-            scene.actuation.stretch.maximum,
-        )
+        low[layout.STRETCH] = scene.actuation.stretch.minimum
+        high[layout.STRETCH] = scene.actuation.stretch.maximum
     return Support(
         start_low=start_low,
         start_high=start_high,

@@ -233,10 +233,8 @@ def _spread(counts: Sequence[int]) -> list[tuple[int, int]]:
 def _end(oracle: Oracle, episode: Episode, n: int) -> tuple[Values, int]:
     """Return the state (4,) at the end of sample interval n, and the evaluations of the oracle."""
     recording = episode.recording
-    interval, (force, stretch, *damping) = (
-        recording.plant.support.sample_interval,
-        recording.applied[n],
-    )
+    interval = recording.plant.support.sample_interval
+    force, stretch, *damping = recording.applied[n]
     count = int(np.ceil((n + 1) * interval / oracle.scene.control.time_step)) + 1
     forces, stretches = np.full(count, force), np.full(count, stretch)
     damped = oracle.scene.actuation.damped

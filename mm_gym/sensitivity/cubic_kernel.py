@@ -320,12 +320,8 @@ def _deviate(b, c, row, target, unit, order, has_springs, is_driven):
         v, w = following * speed_up, following * slide
         v_sum, w_sum = v_sum + v, w_sum + w
     rate = 1.0 / unit
-    b[target], b[target + 1], b[target + 2], b[target + 3] = (
-        x_sum,
-        offset_sum,
-        rate * v_sum,
-        rate * w_sum,
-    )
+    b[target], b[target + 1] = x_sum, offset_sum
+    b[target + 2], b[target + 3] = rate * v_sum, rate * w_sum
     lead = larger(start, _size(x_sum, offset_sum, v_sum, w_sum))
     return _part(lead, last, _CUT_OFF, order)
 

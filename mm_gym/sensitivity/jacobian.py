@@ -122,10 +122,8 @@ class Sensitivities:
         self._rows = rows_of(self.rows + tail, self.count, np.float64)
         self.lanes = self._rows[: self.rows, : self.count]
         self.lanes[:] = values
-        self.lanes[layout.NOW], self.lanes[layout.BEGAN] = (
-            0.0,
-            values[layout.BEGAN] - values[layout.NOW],
-        )
+        self.lanes[layout.NOW] = 0.0
+        self.lanes[layout.BEGAN] = values[layout.BEGAN] - values[layout.NOW]
         self.streams = streams.copy()
         if self._is_constant:
             self._columns = self._prepared(support, model)
@@ -261,11 +259,7 @@ def _is_constant(support: Support, parameters: Iterable[int]) -> bool:
 def _kernel(
     support: Support, causes: Sequence[int], *, by_tangents: bool
 ) -> tuple[Callable[..., int], int]:
-    """Return the quickest kernel that follows deviations by these causes, and its columns.
-
-    These are those of the state and of the causes. Where there are more causes, it takes several
-    turns.
-    """
+    """Return the quickest kernel that follows deviations by causes, and its columns at a time."""
     columns = len(support.state_rows) + len(causes)
     if support.is_general:
         return step_with(support.interface), min(columns, LANES)

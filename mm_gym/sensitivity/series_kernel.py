@@ -78,11 +78,8 @@ def _load(model, lanes, i, c):
     by_m1 = 1.0 / lane[layout.M1]
     c[_BY_M1], c[_RATIO] = by_m1, 1.0 + lane[layout.M1] / lane[layout.M2]
     k1 = lane[layout.K1] * by_m1
-    c[_K1], c[_BETA], c[_D] = (
-        k1 * lane[layout.ALPHA],
-        k1 * lane[layout.BETA],
-        lane[layout.D] * by_m1,
-    )
+    c[_K1], c[_BETA] = k1 * lane[layout.ALPHA], k1 * lane[layout.BETA]
+    c[_D] = lane[layout.D] * by_m1
     pair, held = control_forces(model, lane[layout.FORCE])
     c[_PAIR], c[_HELD] = pair * by_m1, held * by_m1
     k0, stretch = lane[layout.K0] * by_m1, lane[layout.STRETCH]
@@ -94,10 +91,8 @@ def _load(model, lanes, i, c):
     c[_STICK] = lane[layout.C] * by_m1
     if model[HAS_FRICTION] > 0.0:
         vr, normal = lane[layout.VR], lane[layout.FN]
-        c[_STICK], c[_CHI] = (
-            stick_slope(lane[layout.MU1], normal, vr) * by_m1,
-            lane[layout.CHI] * by_m1,
-        )
+        c[_STICK] = stick_slope(lane[layout.MU1], normal, vr) * by_m1
+        c[_CHI] = lane[layout.CHI] * by_m1
         kinetic = kinetic_force(lane[layout.MU2], normal)
         c[_INTERCEPT] = slip_intercept(kinetic, lane[layout.CHI], vr) * by_m1
 

@@ -22,13 +22,7 @@ if TYPE_CHECKING:
 def checked_fields(
     given: Mapping[str, ArrayLike], support: Support, count: int
 ) -> dict[int, NDArray[np.float64]]:
-    """Return rows and values of fields by dotted name, a number or one per lane.
-
-    Raises
-    ------
-    SceneError
-        If a name is unknown, or a value is not a number within the scene's support.
-    """
+    """Return rows and values of fields by dotted name: a number in the support, or one a lane."""
     rows = {name: support.row_of(name) for name in given}
     names = {row: name for name, row in support.names.items()}
     for followed, ratio, _ in support.products:

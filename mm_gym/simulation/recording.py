@@ -133,11 +133,6 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
     """Simulate a control step for each row of commands (k, 2) [N, -], or (k, 3) [N, -, N s/m].
 
     The recording is written from the sample interval `first` on.
-
-    Raises
-    ------
-    SimulationError
-        If the propagation cannot be completed.
     """
     plant, last = lanes.plant, first + len(commands) * lanes.plant.support.intervals_per_step
     status = plant.entries.run_of(excited=plant.support.sampled)(
@@ -171,10 +166,8 @@ def lanes_at(recording: Recording, start: tuple[Array, ...], elapsed: float = 0.
     for harmonic in harmonic_rows(plant):
         frequency = lanes[harmonic + layout.FREQUENCY]
         angle = lanes[harmonic + layout.PHASE] + frequency * times + frequency * elapsed
-        lanes[harmonic + layout.COSINE], lanes[harmonic + layout.SINE] = (
-            np.cos(angle),
-            np.sin(angle),
-        )
+        lanes[harmonic + layout.COSINE] = np.cos(angle)
+        lanes[harmonic + layout.SINE] = np.sin(angle)
     return lanes
 
 
@@ -228,11 +221,6 @@ def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[fl
     It stops at corners of records too where the plant does. For each piece it yields the start
     since that of the sample interval and the length [s], and the lane (rows, 1) at its start; at
     the next piece the lane is at its end, before impulses there.
-
-    Raises
-    ------
-    SimulationError
-        If the propagation cannot be completed.
     """
     plant, elapsed = recording.plant, 0.0
     rows = plant.support.state_rows

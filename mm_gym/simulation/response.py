@@ -109,11 +109,6 @@ def acceleration(
     applied, disturbance
         (n, 2) force [N] and stretch [-], or (n, 3) with damping or voltage behind them; (n,)
         disturbing force [N].
-
-    Raises
-    ------
-    SimulationError
-        If the carriage has no mass.
     """
     if p[layout.M1] == 0.0:
         msg = "carriage.mass: 0 has no finite acceleration; give it some mass"

@@ -226,13 +226,6 @@ def shaken(scene: Scene, motion: ArrayLike) -> Plant:
     """Return the plant of a scene whose ground moves also as an array says.
 
     The motion is (k, 2) times [s], which increase from 0 or later, and accelerations [m/s^2].
-
-    Raises
-    ------
-    SimulationError
-        If the array has another shape or is not finite.
-    SceneError
-        If the times do not increase.
     """
     with record_of(motion) as record:
         return compile_scene(scene.replace(excitation=[*scene.excitation, record]))
@@ -240,7 +233,7 @@ def shaken(scene: Scene, motion: ArrayLike) -> Plant:
 
 @contextmanager
 def record_of(motion: ArrayLike) -> Generator[Recorded]:
-    """Write a ground motion to a file of its own for a while; raise as `shaken` does."""
+    """Write a ground motion to a file of its own for a while."""
     samples = checked_motion(motion)
     with TemporaryDirectory() as folder, warnings.catch_warnings():
         # A simulation may be shorter than the ground's motion.
@@ -266,10 +259,7 @@ def checked_motion(motion: ArrayLike) -> NDArray[np.float64]:
 def warm(scene: Scene) -> float:
     """Compile the kernels that environments of a scene need, and `simulate`; return the seconds.
 
-    Raises
-    ------
-    OSError
-        If the compiled code cannot be kept.
+    If the compiled code cannot be kept, that is an `OSError`.
     """
     if OBSTACLE is not None:
         message = f"nothing can be kept: {OBSTACLE}"

@@ -113,11 +113,8 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
 
     @kernel
     def walk(model, lanes, clock, first, last):
-        own, terms, row = (
-            int(model[layout.EXCITATION]),
-            int(model[layout.TERMS]),
-            int(model[layout.JETS]),
-        )
+        own = int(model[layout.EXCITATION])
+        terms, row = int(model[layout.TERMS]), int(model[layout.JETS])
         harmonics, step = int(model[layout.HARMONIC_COUNT]), model[layout.SAMPLE_INTERVAL]
         piece, others, phases = np.empty(own), np.empty(2 * terms), np.empty((2, harmonics))
         for slot in range(own):
@@ -194,10 +191,8 @@ def _save_phases(lanes, phases, i):
     """Copy cosine and sine of every harmonic."""
     for j in range(phases.shape[1]):
         harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
-        phases[0, j], phases[1, j] = (
-            lanes[harmonic + layout.COSINE, i],
-            lanes[harmonic + layout.SINE, i],
-        )
+        phases[0, j] = lanes[harmonic + layout.COSINE, i]
+        phases[1, j] = lanes[harmonic + layout.SINE, i]
 
 
 @borrowing_kernel

@@ -45,10 +45,8 @@ def link_of(interface: Interface) -> Callable[..., tuple[float, float]]:
     def link(model, lanes, i):
         first = int(model[layout.INTERFACE])
         own = own_at(interface, lanes[:, i], first - own_states_of(interface))
-        offset, w = (
-            lanes[layout.X2, i] - lanes[layout.X1, i],
-            lanes[layout.V2, i] - lanes[layout.V1, i],
-        )
+        offset = lanes[layout.X2, i] - lanes[layout.X1, i]
+        w = lanes[layout.V2, i] - lanes[layout.V1, i]
         p = lanes[first:, i]
         force = force_of(interface, p, offset, w, own)
         return force, springs_of(interface, p, offset, w, own)
@@ -190,10 +188,8 @@ def receive(task, lanes, frames, streams, first, last):
     """
     channels, sensors = int(task[layout.CHANNEL_COUNT]), int(task[layout.SENSORS_ROW])
     newest, shown_at = frames.shape[0] - channels, (int(task[layout.HISTORY]) - 1) * channels
-    delays, ages = (
-        lanes[sensors + layout.DELAY, first:last],
-        lanes[sensors + layout.AGE, first:last],
-    )
+    delays = lanes[sensors + layout.DELAY, first:last]
+    ages = lanes[sensors + layout.AGE, first:last]
     if task[layout.HAS_DROPOUT] > 0.0:
         noisy = 0
         for k in range(channels):
@@ -310,10 +306,8 @@ def blur_own(task, lanes, frames, newest, streams, pair, ahead, first, last):
     one, other = pair
     is_reserved, both = task[layout.HAS_RESERVED_NOISE] > 0.0, other != one
     scales = scaling(task, one)[0], scaling(task, other)[0] if both else 0.0
-    row, row_of_other = (
-        errors_row_of(task, one) + layout.SPREAD,
-        errors_row_of(task, other) + layout.SPREAD,
-    )
+    row = errors_row_of(task, one) + layout.SPREAD
+    row_of_other = errors_row_of(task, other) + layout.SPREAD
     rows = newest + one, newest + other
     if is_reserved:
         for i in span(first, last):

@@ -190,18 +190,14 @@ def score_derived(task, lanes, rewards, first, last):
     They are those at the control step's end, which `mm_gym.step.outputs` has derived.
     """
     prefer_widest_vectors()
-    carriage, sphere = (
-        task[layout.WEIGHT_CARRIAGE_ACCELERATION],
-        task[layout.WEIGHT_SPHERE_ACCELERATION],
-    )
+    carriage = task[layout.WEIGHT_CARRIAGE_ACCELERATION]
+    sphere = task[layout.WEIGHT_SPHERE_ACCELERATION]
     coupling, lost = task[layout.WEIGHT_COUPLING_FORCE], False
     for i in span(first, last):
         # Without mass the carriage's is not finite, and has no weight.
         a1 = lanes[layout.CARRIAGE_ACCELERATION, i] if carriage > 0.0 else 0.0
         a2 = lanes[layout.SPHERE_ACCELERATION, i]
-        force = (
-            lanes[layout.M2, i] * a2
-        )  # (2) of docs/model.md: nothing else accelerates the sphere
+        force = lanes[layout.M2, i] * a2  # (2): nothing else accelerates the sphere
         cost = fma(carriage * a1, a1, fma(sphere * a2, a2, coupling * force * force))
         reward = rewards[i] - cost
         rewards[i] = reward

@@ -73,13 +73,8 @@ def size_of(harmonics, terms):
 @kernel
 def generator(p, k2, harmonics, ground, terms, h, in_slip):
     """Return A (n, n) of z' = A z in one regime."""
-    m1, m2, k1, d, vr = (
-        carriage_mass(p),
-        p[layout.M2],
-        p[layout.K1] * p[layout.ALPHA],
-        p[layout.D],
-        p[layout.VR],
-    )
+    m1, m2, k1 = carriage_mass(p), p[layout.M2], p[layout.K1] * p[layout.ALPHA]
+    d, vr = p[layout.D], p[layout.VR]
     total, inverse = m1 + m2, 1.0 / m1 + 1.0 / m2
     part = m2 / total  # v1 = V - part w
     a = np.zeros((size_of(harmonics, terms), size_of(harmonics, terms)))
@@ -196,15 +191,11 @@ def bound_motion(p, k2, z, harmonics, ground, terms, h, duration, in_slip):
     dv = (d * v1 + k1 * x + force) / total + shake
     drive = (k1 * x + d * v + force) / m1 + math.sqrt(k2) * s / reduced
     if in_slip:
-        dw = (
-            (p[layout.CHI] / reduced + d * part / m1) * w
-            + p[layout.KINETIC_FORCE] / reduced
-            + drive
-        )
+        damping = p[layout.CHI] / reduced + d * part / m1
+        dw = damping * w + p[layout.KINETIC_FORCE] / reduced + drive
     else:
-        dw = (p[layout.C] / reduced + d * part / m1) * min(
-            w, dry_friction.threshold(p[layout.VR])
-        ) + drive
+        damping = p[layout.C] / reduced + d * part / m1
+        dw = damping * min(w, dry_friction.threshold(p[layout.VR])) + drive
     first = (k1 * v1 + d * dv + force1) / m1 + k2 * w / reduced
     ddv = (d * (dv + part * dw) + k1 * v1 + force1) / total + shake1
     return first, (k1 * (dv + part * dw) + d * ddv + force2) / m1 + k2 * dw / reduced

@@ -24,11 +24,8 @@ def _add_work(model, lanes, i, c, series):
     d v1^2 + f w, and p v1 - a_g (m1 v1 + m2 v2), the terms of (11) of docs/model.md.
     """
     (unit, theta, order), excited, last = series, is_excited(model), lanes.shape[0] - 1
-    m1, m2, d = (
-        value_of(c[LANE + layout.M1]),
-        value_of(c[LANE + layout.M2]),
-        value_of(c[LANE + layout.D]),
-    )
+    m1, m2 = value_of(c[LANE + layout.M1]), value_of(c[LANE + layout.M2])
+    d = value_of(c[LANE + layout.D])
     slope, constant = m1 * value_of(c[SLOPE]), m1 * value_of(c[SLIP])
     power = unit
     for n in range(order + 1):
