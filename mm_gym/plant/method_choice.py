@@ -56,10 +56,8 @@ def choose(solver: Solver, support: Support) -> tuple[Method, tuple[str, ...]]:
 def _takes(
     method: Method, support: Support, settings: methods.Settings, skipped: dict[Method, str]
 ) -> bool:
-    """Return whether a method applies and does not defer; else note why in `skipped`.
-
-    Whether it fails with the settings is asked last, since that may take long to find out.
-    """
+    """Return whether a method applies and does not defer; else note why in `skipped`."""
+    # Whether it fails with the settings is asked last: that may take long to find out.
     why = method.obstacle(support)
     why = why or method.deferral(support, settings) or method.obstacle(support, settings)
     if why is not None:
@@ -77,7 +75,8 @@ def _reasons(support: Support, obstacles: dict[Method, str], chosen: Method) -> 
     if support.kind == MASSLESS:
         balance = "carriage.mass is 0: the forces on the carriage balance"
         return balance, *_instability(support), FIXED
-    before = [method for method in _before(chosen) if support.kind in method.kinds]
+    earlier = methods.METHODS[: methods.METHODS.index(chosen)]
+    before = [method for method in earlier if support.kind in method.kinds]
     skipped = [f"not {method.title}: {obstacles[method]}" for method in before]
     if support.is_nonlinear and not support.is_general:
         return (*reasons, *skipped)
@@ -89,11 +88,6 @@ def _reasons(support: Support, obstacles: dict[Method, str], chosen: Method) -> 
     if support.sampled:
         moves.append("there is excitation other than harmonics")
     return (*reasons, *(moves or [FIXED]), *skipped)
-
-
-def _before(chosen: Method) -> tuple[Method, ...]:
-    """Return the methods before one in the table."""
-    return methods.METHODS[: methods.METHODS.index(chosen)]
 
 
 def _nonlinearities(support: Support) -> list[str]:
@@ -123,17 +117,12 @@ def _instability(support: Support) -> list[str]:
 def _friction(support: Support) -> list[str]:
     if not support.slips:
         return []
-    return [
-        (
-            "dry friction may slip faster than interface.reference_velocity = "
-            f"{support.low[layout.VR]:g} m/s"
-        )
-    ]
+    velocity = f"interface.reference_velocity = {support.low[layout.VR]:g} m/s"
+    return [f"dry friction may slip faster than {velocity}"]
 
 
 def _coupling(support: Support) -> str:
-    joined = support.high[layout.C] > 0.0 or support.high[layout.K0] > 0.0
-    if joined:
+    if support.high[layout.C] > 0.0 or support.high[layout.K0] > 0.0:
         return "all forces are linear in the state"
     return "nothing joins the sphere to the carriage"
 

@@ -167,10 +167,7 @@ def _end(recording: Recording, n: int) -> NDArray[np.float64]:
 
 
 def _stopwatch(plant: Plant, episode: Episode, count: int) -> Callable[[], float]:
-    """Return a function that times a run of the episode, or of several lanes under random actions.
-
-    It returns seconds; a run that diverges takes infinity.
-    """
+    """Return a function that times a run [s]; one that diverges takes infinity."""
     lanes = Lanes(plant, count)
     lanes.seed(episode.seed)
     lanes.restart()

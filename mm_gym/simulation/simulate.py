@@ -177,10 +177,7 @@ def _steps_until(end: float, time_step: float) -> int:
 def _commands(
     plant: Plant, action: ArrayLike | None, steps: int, start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return (steps, 2) commands: force [N] and stretch [-], constant where not actuated.
-
-    (steps, 3) with the damping [N s/m] behind them if it is actuated.
-    """
+    """Return the commands (steps, 2 or 3) of `recording.run`, constant where not actuated."""
     rows = held_rows(plant)
     commands = np.empty((steps, len(rows)))
     commands[:] = start[rows]

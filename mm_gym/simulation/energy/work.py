@@ -131,10 +131,7 @@ def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> 
 
 
 def _reach(recording: Recording, end: Array, start: Array) -> Array:
-    """Return how far [m] the control force has moved its point between states (..., 4).
-
-    Between the masses that is x1 - x2.
-    """
+    """Return how far [m] the control force has moved its points, between the masses x1 - x2."""
     way = end[..., :2] - start[..., :2]
     return way[..., 0] - way[..., 1] if recording.plant.support.is_between else way[..., 0]
 
