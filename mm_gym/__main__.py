@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
 
@@ -32,6 +33,10 @@ from mm_gym.scene.schema import scene_schema
 from mm_gym.scene.toml_file import check_scene, load_scene, toml_of
 from mm_gym.simulation.simulate import simulate
 from mm_gym.tasks import ids, is_id, path_of, task_or_scene
+
+if TYPE_CHECKING:
+    from mm_gym.analysis import ResponseSpectrum
+    from mm_gym.simulation.trajectory import Trajectory
 
 FAILED = 2  # exit status after an error, that of argparse too
 
@@ -158,24 +163,19 @@ def _add_spectrum(spectrum: argparse.ArgumentParser) -> None:
     spectrum.set_defaults(run=_spectrum)
 
 
-def _seed(text: str) -> int:
-    seed = int(text)
-    if seed < 0:
-        raise ValueError
-    return seed
+def _integer(name: str, least: int) -> Callable[[str], int]:
+    """Return what reads an integer, with its name in argparse's message: invalid seed value."""
+
+    def read(text: str) -> int:
+        if int(text) < least:
+            raise ValueError
+        return int(text)
+
+    read.__name__ = name
+    return read
 
 
-_seed.__name__ = "seed"  # for argparse's message: invalid seed value
-
-
-def _count(text: str) -> int:
-    count = int(text)
-    if count < 1:
-        raise ValueError
-    return count
-
-
-_count.__name__ = "count"
+_seed, _count = _integer("seed", 0), _integer("count", 1)
 
 
 def _validate(options: argparse.Namespace) -> None:
@@ -206,8 +206,7 @@ def _rigs(options: argparse.Namespace) -> None:
 
 def _simulate(options: argparse.Namespace) -> None:
     scene = load_scene(options.scene)
-    outputs = [path for path in (options.csv, options.plot) if path is not None]
-    check_outputs(outputs, _inputs(options.scene, scene))
+    _check_files(options, _inputs(options.scene, scene))
     trajectory = simulate(scene, duration=options.duration, seed=options.seed)
     work = trajectory.work
     rows = [
@@ -219,17 +218,13 @@ def _simulate(options: argparse.Namespace) -> None:
     print("\n".join(f"{name:12}{value: .9e} {unit}" for name, value, unit in rows))
     for name, file in trajectory.records.items():
         print(f"{name}: {file}")
-    if options.csv is not None:
-        trajectory.to_csv(options.csv)
-    if options.plot is not None:
-        trajectory.plot(options.plot)
+    _write_files(options, trajectory)
 
 
 def _spectrum(options: argparse.Namespace) -> None:
     from mm_gym.analysis import response_spectrum  # noqa: PLC0415 - other commands do not need it
 
-    outputs = [path for path in (options.csv, options.plot) if path is not None]
-    check_outputs(outputs, [options.file])
+    _check_files(options, [options.file])
     column = options.column
     record = read_record(
         options.file,
@@ -243,10 +238,7 @@ def _spectrum(options: argparse.Namespace) -> None:
         refuse("--unit", f"{options.unit!r}", ", ".join(ACCELERATION_UNITS))
     spectrum = response_spectrum(record, options.periods, options.damping)
     print(spectrum.table())
-    if options.csv is not None:
-        spectrum.to_csv(options.csv)
-    if options.plot is not None:
-        spectrum.plot(options.plot)
+    _write_files(options, spectrum)
 
 
 def _warm(options: argparse.Namespace) -> None:
@@ -322,6 +314,17 @@ def _paper(options: argparse.Namespace) -> None:
         write_table(table, numbers)
         print(table)
         print(printed(numbers))
+
+
+def _check_files(options: argparse.Namespace, inputs: Sequence[str | Path]) -> None:
+    check_outputs([path for path in (options.csv, options.plot) if path is not None], inputs)
+
+
+def _write_files(options: argparse.Namespace, result: Trajectory | ResponseSpectrum) -> None:
+    if options.csv is not None:
+        result.to_csv(options.csv)
+    if options.plot is not None:
+        result.plot(options.plot)
 
 
 def _inputs(path: str, scene: Scene) -> list[str | Path]:

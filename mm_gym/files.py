@@ -332,11 +332,7 @@ def _target(path: str | PathLike[str]) -> Path | int:
     return target
 
 
-_REFUSED = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFBLK: "a block device",
-}
+_REFUSED = {stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFBLK: "a block device"}
 """Kinds of files that nobody means to write a table or a figure to."""
 
 _DESCRIPTORS = re.compile(r"/dev/fd|/proc/(\d+)(/task/\d+)?/fd")

@@ -153,10 +153,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         return self._lanes.drawn(name).copy()
 
     def reset(
-        self,
-        *,
-        seed: Seeds | None = None,
-        options: Mapping[str, ArrayLike] | None = None,
+        self, *, seed: Seeds | None = None, options: Mapping[str, ArrayLike] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode in every lane, or in those of ``options["reset_mask"]``.
 
@@ -203,13 +200,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     def step(
         self, actions: NDArray[np.floating]
-    ) -> tuple[
-        NDArray[np.float32],
-        Array,
-        NDArray[np.bool_],
-        NDArray[np.bool_],
-        dict[str, Any],
-    ]:
+    ) -> tuple[NDArray[np.float32], Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Make one control step in every lane.
 
         Raises

@@ -132,9 +132,7 @@ def passive_response(
 
 
 def uncontrolled_response(
-    scene: Scene,
-    seeds: Sequence[int],
-    options: Mapping[str, ArrayLike] | None = None,
+    scene: Scene, seeds: Sequence[int], options: Mapping[str, ArrayLike] | None = None
 ) -> Response:
     """Return the responses of whole episodes, one a lane, with no force and the initial stretch.
 

@@ -27,12 +27,8 @@ BALLS = "ball arithmetic"
 ARITHMETIC = "arithmetic"
 
 OFFSETS = {
-    "fig2a": 0.02,
-    "fig2b": 0.02,
-    "fig2c": 0.02,
-    "fig2d": 0.02,
-    "fig2e": 0.03,
-    "fig2f": 0.03,
+    **dict.fromkeys(("fig2a", "fig2b", "fig2c", "fig2d"), 0.02),
+    **dict.fromkeys(("fig2e", "fig2f"), 0.03),
     "fig5a": -0.004,
     "fig5b": 0.0,
     "fig6a": 0.03,
@@ -40,7 +36,8 @@ OFFSETS = {
     "fig9": 0.02,
     "fig12a": 0.0,
     "fig12d": 0.0,
-} | {name: 0.03 if name[4] in "ef" else 0.02 for name in CAPTION}
+    **{name: 0.03 if name[4] in "ef" else 0.02 for name in CAPTION},
+}
 """Asymptotic offset [m]."""
 
 DERIVED = ("fig5a",)

@@ -51,10 +51,7 @@ class StretchActuator(Actuator):
     maximum: Annotated[float, Field(gt=1)] = 3.0
     """[-]"""
 
-    rules: ClassVar[tuple[Rule, ...]] = (
-        *Actuator.rules,
-        below("minimum", "maximum"),
-    )
+    rules: ClassVar[tuple[Rule, ...]] = (*Actuator.rules, below("minimum", "maximum"))
 
 
 class DampingActuator(Actuator):
@@ -71,10 +68,7 @@ class DampingActuator(Actuator):
     maximum: Positive = 10.0
     """[N s/m]"""
 
-    rules: ClassVar[tuple[Rule, ...]] = (
-        *Actuator.rules,
-        below("minimum", "maximum"),
-    )
+    rules: ClassVar[tuple[Rule, ...]] = (*Actuator.rules, below("minimum", "maximum"))
 
     @property
     def held(self) -> str:
@@ -96,10 +90,7 @@ class VoltageActuator(Actuator):
     maximum: Positive = 2.25
     """[V], by default where the damper of Spencer et al. saturates"""
 
-    rules: ClassVar[tuple[Rule, ...]] = (
-        *Actuator.rules,
-        below("minimum", "maximum"),
-    )
+    rules: ClassVar[tuple[Rule, ...]] = (*Actuator.rules, below("minimum", "maximum"))
 
     @property
     def held(self) -> str:

@@ -269,9 +269,7 @@ class Recorded(Sampled):
     relative to that file's folder"""
     files: (
         Annotated[
-            tuple[Name, ...],
-            BeforeValidator(listed),
-            Field(min_length=1, max_length=MOST_FILES),
+            tuple[Name, ...], BeforeValidator(listed), Field(min_length=1, max_length=MOST_FILES)
         ]
         | Name
         | None

@@ -4,16 +4,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import (
-    Any,
-    ClassVar,
-    NamedTuple,
-    Self,
-    TypeAlias,
-    cast,
-    get_args,
-    get_origin,
-)
+from typing import Any, ClassVar, NamedTuple, Self, TypeAlias, cast, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray

@@ -207,10 +207,7 @@ def modes_of(mass: Array, stiffness: Array) -> tuple[Array, Array]:
 
 
 def rayleigh_damping(
-    mass: ArrayLike,
-    stiffness: ArrayLike,
-    ratios: Sequence[float],
-    modes: Sequence[int] = (1, 2),
+    mass: ArrayLike, stiffness: ArrayLike, ratios: Sequence[float], modes: Sequence[int] = (1, 2)
 ) -> Array:
     """Return C = a M + b K (n, n) [N s/m] with given damping ratios in two modes.
 
@@ -524,11 +521,7 @@ class Reduction:
         shaken = self.shaking.entries(ground, mass, mapping)
         check_draws(fields.get("randomization"), shaken)
         return Scene(
-            carriage={
-                "mass": self.mass,
-                "stiffness": self.stiffness,
-                "damping": self.damping,
-            },
+            carriage={"mass": self.mass, "stiffness": self.stiffness, "damping": self.damping},
             sphere={"mass": mass},
             excitation=[*(entry for group in shaken for entry in group), *forces],
             **tuned,

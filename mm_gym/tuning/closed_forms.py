@@ -211,9 +211,7 @@ CLOSED_FORMS: dict[str, ClosedForm] = {
         _krenk,
     ),
     "h2_force_displacement": ClosedForm(
-        *("force", DISPLACEMENT, H2, VARIANCE, ANY),
-        WARBURTON,
-        _h2_force_displacement,
+        *("force", DISPLACEMENT, H2, VARIANCE, ANY), WARBURTON, _h2_force_displacement
     ),
     "h2_force_velocity": ClosedForm(
         *("force", VELOCITY, H2, VARIANCE, ANY),
