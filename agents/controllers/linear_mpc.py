@@ -1,76 +1,163 @@
-"""Linear model predictive control (MPC): the LQR's problem with the limits of the force."""
+"""Linear model predictive control (MPC): the LQR's problem with limits of force and motion."""
 
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
 from importlib import import_module
+from math import inf
 from typing import Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from scipy.linalg import block_diag
 from scipy.sparse import csc_matrix
 
 from agents.controllers.actuators import Command
 from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import design, problem_of
-from agents.controllers.registry import Entry, without_weight
+from agents.controllers.registry import Entry, unless, without_weight
+from agents.controllers.scene import force_weight, nominal, plant_of, require_number
+from agents.controllers.trajectories import ends_of
 from mm_gym import DesignError, Scene
 
 MOST_STEPS = 1000  # longest horizon; the matrices have the square of its size
 RHO = 0.1  # step size with which the solver begins
 
+KEPT, PENALTY = 0.9, 10.0
+"""Of the limits at which episodes end, and of going beyond; see `Limits`.
+
+They are the best tried on ActiveMassDamper's validation episodes: of 1, 0.9, ..., 0.65 of the rail,
+and penalties of 1 to 1000. The rest of the rail is for disturbances, which the plan does not know.
+"""
+
 SETTINGS = {"rho": RHO, "verbose": False, "eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 4000}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Limits that plans keep at the end of every step, as far as the force can.
+
+    They are soft, so that there always is a plan: a step beyond a limit by a fraction e of it costs
+    penalty (e + e^2). Of a large penalty the part that is proportional to e keeps plans within a
+    limit that they can keep, and does not only bring them near.
+    """
+
+    displacement: float | None = None  # of |x1| [m]
+    stroke: float | None = None  # of |x2 - x1| [m]
+    coupling_force: float | None = None  # of the force between the masses, as in the reward [N]
+    penalty: float = PENALTY  # [-], over a reward
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            absent = value is None and field.name != "penalty"
+            if not (absent or (number and 0.0 < value < inf)):
+                msg = f"{field.name}: got {value!r}; allowed: a finite number greater than 0"
+                raise DesignError(msg)
+
+    @classmethod
+    def of(cls, scene: Scene, kept: float = KEPT) -> "Limits":
+        """Return limits at a fraction of those at which the scene's episodes end."""
+        require_number("kept", kept, high=1.0)
+        stated = scene.objective.displacement_limit, scene.objective.rail_half_length
+        displacement, stroke = (None if value is None else kept * value for value in stated)
+        return cls(displacement=displacement, stroke=stroke)
+
+    def rows(self, scene: Scene) -> Values:
+        """Return what is limited over its limit (q, 5), by x1, x2, v1, v2 and the force [N]."""
+        a, b = plant_of(scene).linear()
+        coupling = nominal(scene, "sphere.mass") * np.append(a[3], b[3, 0])
+        quantities = {
+            "displacement": np.array([1.0, 0.0, 0.0, 0.0, 0.0]),
+            "stroke": np.array([-1.0, 1.0, 0.0, 0.0, 0.0]),
+            "coupling_force": coupling,
+        }
+        limits = {name: getattr(self, name) for name in quantities}
+        found = [row / limits[name] for name, row in quantities.items() if limits[name] is not None]
+        return np.array(found).reshape(-1, 5)
 
 
 class LinearMPC(Law):
     """Minimise the reward's quadratic cost over a horizon, within the force's limit and rate limit.
 
     The forces of the horizon are the unknowns of a quadratic program, solved at each step; the
-    first is applied. Behind the horizon stands the LQR's cost to go, where there is one. Rawlings,
-    Mayne and Diehl, *Model Predictive Control*, 2nd ed. (2017), chapter 1; Stellato et al., *OSQP:
-    an operator splitting solver for quadratic programs*, Math. Prog. Comp. 12 (2020). Raise
-    `DesignError` if there is no force, it is commanded by its rate or costs nothing, the motion has
-    no weight, or the horizon is not allowed; `gymnasium.error.DependencyNotInstalled` without OSQP
-    (extra: mpc).
+    first is applied. Limits of the motion, by default none, add a slack for each step. Behind the
+    horizon stands the LQR's cost to go, where there is one. Rawlings, Mayne and Diehl, *Model
+    Predictive Control*, 2nd ed. (2017), chapter 1; Kerrigan and Maciejowski, *Soft constraints and
+    exact penalty functions in model predictive control*, UKACC Control Conf. (2000); Stellato et
+    al., *OSQP: an operator splitting solver for quadratic programs*, Math. Prog. Comp. 12 (2020).
+    Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing, the
+    motion has no weight, or the horizon is not allowed; `gymnasium.error.DependencyNotInstalled`
+    without OSQP (extra: mpc).
     """
 
-    def __init__(self, scene: Scene, horizon: int = 30) -> None:
+    def __init__(self, scene: Scene, horizon: int = 30, limits: Limits | None = None) -> None:
         if not (isinstance(horizon, int) and 1 <= horizon <= MOST_STEPS):
             msg = f"horizon: got {horizon!r}; allowed: 1 to {MOST_STEPS} control steps"
             raise DesignError(msg)
-        self.states, a, b, cost = problem_of(scene)
+        force_weight(scene)
+        limits = limits or Limits()
+        rows = limits.rows(scene)
+        self.states, a, b, cost = problem_of(scene, also=rows[:, :4])
         command = Command(scene, "force")
         self.name, self.limit = f"linear MPC, {horizon} steps ahead", command.high
+        if len(rows):
+            self.name += ", within limits"
+        self.horizon, self.travel = horizon, command.travel / self.limit
         free, forced = _predicted(a, b * self.limit, horizon)
-        weights = np.stack([cost.state] * (horizon - 1) + [cost.state + _cost_to_go(scene, len(a))])
+        last = cost.state + _cost_to_go(scene, self.states)
+        weights = np.stack([cost.state] * (horizon - 1) + [last])
         both = np.einsum("kin,kij,kjm->nm", forced, weights, forced)
-        self.slope = np.einsum("kin,kij,kjm->nm", forced, weights, free)
-        self.travel = command.travel / self.limit
-        self.hessian = both + cost.force * self.limit**2 * np.eye(horizon)
+        slope = np.einsum("kin,kij,kjm->nm", forced, weights, free)
+        hessian = both + cost.force * self.limit**2 * np.eye(horizon)
         across = self.limit * np.einsum("i,kin->kn", cost.cross[:, 0], forced)
-        self.hessian += across + across.T
-        self.slope += self.limit * np.einsum("i,kij->kj", cost.cross[:, 0], free)
-        self.solver = _solver(self.hessian, self.travel)
+        hessian += across + across.T
+        slope += self.limit * np.einsum("i,kij->kj", cost.cross[:, 0], free)
+        # Each limited quantity of each step has a slack, in units of its limit.
+        size = len(rows) * horizon
+        self.slope, self.penalties = slope, np.full(size, 0.5 * limits.penalty)
+        self.free = np.einsum("qi,kij->qkj", rows[:, self.states], free).reshape(size, len(a))
+        moved = np.einsum("qi,kin->qkn", rows[:, self.states], forced)
+        moved += self.limit * rows[:, 4, None, None] * np.eye(horizon)
+        self.solver = _solver(
+            block_diag(hessian, limits.penalty * np.eye(size)),
+            moved.reshape(size, horizon),
+            self._bounds(np.zeros(size)),
+        )
 
     def begin(self, lanes: int) -> Memory:
-        size = len(self.slope)
-        return {"plan": np.zeros((lanes, size)), "dual": np.zeros((lanes, 2 * size))}
+        slacks = len(self.penalties)
+        return {
+            "plan": np.zeros((lanes, self.horizon + slacks)),
+            "dual": np.zeros((lanes, 2 * self.horizon + 3 * slacks)),
+        }
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        size = len(self.slope)
-        slopes = state[:, self.states] @ self.slope.T
-        low = np.concatenate([-np.ones(size), -np.full(size, self.travel)])
+        motion = state[:, self.states]
+        slopes, drifts = motion @ self.slope.T, motion @ self.free.T
         plans, duals = memory["plan"].copy(), memory["dual"].copy()
-        for lane, slope in enumerate(slopes):
-            first = applied[lane, 0] / self.limit
-            bounds = low.copy(), -low
-            for bound in bounds:
-                bound[size] += first  # the first move is from what is applied
-            self.solver.update(q=slope, l=bounds[0], u=bounds[1])
-            x = np.append(plans[lane, 1:], plans[lane, -1])
+        for lane, (slope, drift) in enumerate(zip(slopes, drifts, strict=True)):
+            low, high = self._bounds(drift, applied[lane, 0] / self.limit)
+            self.solver.update(q=np.concatenate([slope, self.penalties]), l=low, u=high)
+            blocks = plans[lane].reshape(-1, self.horizon)
+            x = np.concatenate([blocks[:, 1:], blocks[:, -1:]], axis=1).ravel()
             self.solver.warm_start(x=x, y=duals[lane])
             self.solver.update_settings(rho=RHO)  # else it adapts to the lanes before
             found = self.solver.solve(raise_error=False)
             plans[lane], duals[lane] = found.x, found.y
         return plans[:, :1].copy(), {"plan": plans, "dual": duals}
+
+    def _bounds(self, drift: Values, first: float = 0.0) -> tuple[Values, Values]:
+        """Return the program's bounds, of what is limited without forces, and what is applied."""
+        size, zero = self.horizon, np.zeros(len(drift))
+        high = np.concatenate([np.ones(size), np.full(size, self.travel)])
+        low = np.concatenate([-high, zero - inf, -1.0 - drift, zero])
+        high = np.concatenate([high, 1.0 - drift, zero + inf, zero + inf])
+        for bound in (low, high):
+            bound[size] += first  # the first move is from it
+        return low, high
 
 
 def _predicted(a: Values, b: Values, horizon: int) -> tuple[Values, Values]:
@@ -86,30 +173,47 @@ def _predicted(a: Values, b: Values, horizon: int) -> tuple[Values, Values]:
     return free, forced
 
 
-def _cost_to_go(scene: Scene, size: int) -> Values:
-    """Return P of the LQR behind the horizon; zero where there is none."""
-    try:
+def _cost_to_go(scene: Scene, states: Sequence[int]) -> Values:
+    """Return P of the LQR behind the horizon, of these states; zero where there is none."""
+    whole = np.zeros((4, 4))
+    with suppress(DesignError):
         found = design(scene)
-    except DesignError:
-        return np.zeros((size, size))
-    return found.cost - found.weight
+        whole[np.ix_(found.states, found.states)] = found.cost - found.weight
+    return whole[np.ix_(states, states)]
 
 
-def _solver(hessian: Values, travel: float) -> Any:  # noqa: ANN401 - of an optional package
+def _solver(hessian: Values, moved: Values, bounds: tuple[Values, Values]) -> Any:  # noqa: ANN401 - of an optional package
+    """Return the program of forces and slacks; `moved` is what forces do to what is limited."""
     try:
         osqp = import_module("osqp")
     except ImportError as error:
         msg = "linear MPC needs OSQP; install the extra `mpc`"
         raise DependencyNotInstalled(msg) from error
-    count = len(hessian)
-    moves = np.eye(count) - np.eye(count, k=-1)
-    limits = np.vstack([np.eye(count), moves])
-    bound = np.concatenate([np.ones(count), np.full(count, travel)])
-    solver = osqp.OSQP()
-    upper = csc_matrix(np.triu(hessian))
-    solver.setup(upper, np.zeros(count), csc_matrix(limits), -bound, bound, **SETTINGS)
+    slacks, count = moved.shape
+    one, none = np.eye(slacks), np.zeros((count, slacks))
+    limits = np.block(
+        [
+            [np.eye(count), none],
+            [np.eye(count) - np.eye(count, k=-1), none],
+            [moved, -one],
+            [moved, one],
+            [none.T, one],
+        ]
+    )
+    solver, upper = osqp.OSQP(), csc_matrix(np.triu(hessian))
+    solver.setup(upper, np.zeros(len(hessian)), csc_matrix(limits), *bounds, **SETTINGS)
     return solver
 
+
+def constrained_mpc(scene: Scene, limits: Limits | None = None) -> Feedback:
+    """Return linear MPC within limits, by default those at which the scene's episodes end."""
+    return Feedback(scene, LinearMPC(scene, limits=limits or Limits.of(scene)))
+
+
+_without_limits = unless(
+    lambda scene: bool(ends_of(scene.objective)),
+    "which keeps limits; objective.displacement_limit and objective.rail_half_length: missing",
+)
 
 ENTRIES = (
     Entry(
@@ -121,5 +225,13 @@ ENTRIES = (
         "linear MPC",
         refuses=without_weight,
         told=True,
+    ),
+    Entry(
+        "constrained-mpc",
+        ("force",),
+        constrained_mpc,
+        52,
+        "further",
+        refuses=lambda scene: _without_limits(scene) or without_weight(scene),
     ),
 )

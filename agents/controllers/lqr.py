@@ -115,13 +115,17 @@ class Problem(NamedTuple):
     cost: Quadratic  # of a step
 
 
-def problem_of(scene: Scene, stretch: float | None = None) -> Problem:
+def problem_of(
+    scene: Scene, stretch: float | None = None, also: NDArray[np.float64] | None = None
+) -> Problem:
     """Return what a regulator of the force is designed for, at a stretch of the springs.
 
+    Its states are those of the cost, and of other quantities (q, 4) that are linear in the state.
     Raise `DesignError` as for `quadratic_cost`.
     """
     plant, cost = plant_of(scene), quadratic_cost(scene, stretch)
-    states = states_that_matter(plant.linear(stretch)[0], cost.state)
+    shown = cost.state if also is None else np.vstack([cost.state, also])
+    states = states_that_matter(plant.linear(stretch)[0], shown)
     a, b = plant.discrete(stretch)
     return Problem(states, a[np.ix_(states, states)], b[list(states), :1], cost.of(states))
 
