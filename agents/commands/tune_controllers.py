@@ -17,17 +17,8 @@ from typing import Annotated, Any, cast
 
 import tyro
 
-from agents.controllers.registry import entries
-from agents.controllers.searched import (
-    MOST_BYTES,
-    NUMBERS,
-    REFUSED,
-    Tunable,
-    finalists,
-    further_cost,
-    read_found,
-    trials,
-)
+from agents.controllers.registry import MOST_BYTES, NUMBERS, Tunable, entries, read_found
+from agents.controllers.searched import REFUSED, finalists, further_cost, trials
 from agents.errors import command
 from mm_gym import DesignError, Scene, SceneError, load_scene
 from mm_gym.errors import suggest
@@ -67,7 +58,7 @@ def tunables(scene: Scene) -> dict[str, Tunable]:
 
 
 def tune(scene: Scene, tunable: Tunable, count: int, seed: int, file: Path) -> dict[str, Any]:
-    """Return what a search finds, as of `agents.controllers.searched.Found`; go on from a file."""
+    """Return what a search finds, as of `agents.controllers.registry.Found`; go on from a file."""
     head = {"scene_digest": scene.digest, "controller": tunable.name, "seed": seed}
     known = _costs_so_far(file, head)[:count]
     costs: list[float] = []

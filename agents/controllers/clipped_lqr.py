@@ -10,9 +10,9 @@ from agents.controllers.actuators import Command, Lead, require_stable_rest
 from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.feedback import Both, Feedback
 from agents.controllers.lqr import LQR, state_weight
-from agents.controllers.registry import Entry, without_weight
+from agents.controllers.registry import Entry, Free, Tunable, without_weight
 from agents.controllers.scene import plant_of, require_number
-from agents.controllers.searched import Free, Tunable, searched_pair
+from agents.controllers.searched import searched_pair
 from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 

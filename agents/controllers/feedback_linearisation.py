@@ -7,9 +7,8 @@ import numpy as np
 from agents.controllers.actuators import Command
 from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.lqr import LQR
-from agents.controllers.registry import without_weight
+from agents.controllers.registry import Free, Tunable, without_weight
 from agents.controllers.scene import STATES
-from agents.controllers.searched import Free, Tunable
 from mm_gym import Scene
 
 

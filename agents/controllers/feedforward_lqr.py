@@ -18,9 +18,8 @@ from agents.controllers.feedback import Both, Feedback
 from agents.controllers.forecast import SHAPED, UNMODELLED, ExcitationFilter
 from agents.controllers.lqg import regulator
 from agents.controllers.lqr import state_weight
-from agents.controllers.registry import Entry, unless, without_weight
+from agents.controllers.registry import Entry, Free, Tunable, unless, without_weight
 from agents.controllers.scene import STATES, force_weight, plant_of
-from agents.controllers.searched import Free, Tunable
 from mm_gym import Scene
 
 

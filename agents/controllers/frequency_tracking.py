@@ -21,8 +21,7 @@ from agents.controllers.controller import (
 )
 from agents.controllers.disturbance import ForceObserver
 from agents.controllers.feedback import Feedback
-from agents.controllers.registry import Entry, unless
-from agents.controllers.searched import Free, Tunable
+from agents.controllers.registry import Entry, Free, Tunable, unless
 from agents.scoring import FREQUENCY
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness

@@ -8,9 +8,8 @@ from scipy.linalg import expm
 from agents.controllers.actuators import Command
 from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.lqr import LQR
-from agents.controllers.registry import without_weight
+from agents.controllers.registry import Free, Tunable, without_weight
 from agents.controllers.scene import plant_of
-from agents.controllers.searched import Free, Tunable
 from mm_gym import Scene
 
 HOLD, PUSH, RETURN = 0, 1, 2

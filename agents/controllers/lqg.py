@@ -18,9 +18,8 @@ from agents.controllers.lqr import (
     state_weight,
 )
 from agents.controllers.observed_state import Frame
-from agents.controllers.registry import Entry, unless, without_weight
+from agents.controllers.registry import Entry, Free, Tunable, unless, without_weight
 from agents.controllers.scene import STATES, drawn_but, force_weight, plant_of, require_number
-from agents.controllers.searched import Free, Tunable
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
 
 Array = NDArray[np.float64]

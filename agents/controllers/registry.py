@@ -7,21 +7,25 @@ asked for it.
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from math import inf
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 import agents.controllers
-from agents.controllers.controller import Controller
+from agents.controllers.controller import Controller, Law
+from agents.controllers.feedback import Feedback
 from agents.controllers.scene import force_weight
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.errors import suggest
-
-if TYPE_CHECKING:
-    from agents.controllers.searched import Tunable
-
+from mm_gym.files import read_json
 
 Role: TypeAlias = Literal["any", "law", "filter", "further", "informed"]
 """For any actuators; tuned law; with a filter of its own; slow or of extras; knows the episode."""
@@ -42,6 +46,138 @@ class Entry:
     told: bool = False  # whether tables tell that it is not scored where it is refused
     # Its free numbers, which `python -m agents tune-controllers` searches.
     tunable: Tunable | None = None
+
+
+NUMBERS = Path(__file__).parents[2] / "configs" / "controllers.json"
+"""What `python -m agents tune-controllers` found for the tasks."""
+
+Coordinate = TypeVar("Coordinate", float, "NDArray[np.float64]")
+
+MOST = 14.0  # logarithm of the largest change of a ratio, a million
+MOST_BYTES = 2**20  # largest file of numbers
+
+
+@dataclass(frozen=True)
+class Free:
+    """A free number of a controller, in units of its own."""
+
+    first: float  # where a search begins; without one it is used as it is
+    # Standard deviation of the first trials; of the number's logarithm if it is a ratio.
+    spread: float = 1.0
+    ratio: bool = True  # whether it is positive, and searched by its logarithm
+    # low, high: limits
+    low: float = -inf
+    high: float = inf
+
+    def value(self, coordinate: Coordinate, start: float | None = None) -> Coordinate:
+        """Return the number at a coordinate, which is 0 at the start; by default at the first.
+
+        Arrays of coordinates give arrays.
+        """
+        start = self.first if start is None else start
+        moved = self.spread * coordinate
+        value = start * np.exp(np.minimum(moved, MOST)) if self.ratio else start + moved
+        return np.clip(value, self.low, self.high)
+
+
+class Found(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
+    """What a search found for a controller of a scene."""
+
+    numbers: dict[str, float]  # by name
+    # cost, first_cost: on the validation episodes, with these numbers and with the first ones [-]
+    cost: float = Field(ge=0)
+    first_cost: float | None = Field(ge=0)
+    # On the further validation episodes that decided between the finalists [-].
+    further_cost: float = Field(ge=0)
+    # trials, seed: number of designs tried, and the search's seed
+    trials: int = Field(gt=0)
+    seed: int = Field(ge=0)
+
+
+class OfScene(BaseModel, extra="forbid", strict=True):
+    """What was found for a scene: the controllers by name."""
+
+    scene_digest: str
+    controllers: dict[str, Found]
+
+
+def read_found(path: Path = NUMBERS) -> dict[str, OfScene]:
+    """Return what was found, by task; raise `SceneError` for a file that is not of this kind."""
+    content = read_json(path, most=MOST_BYTES)
+    try:
+        return TypeAdapter(dict[str, OfScene]).validate_python(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        msg = f"{path}: {where}: {first['msg']}; write it: python -m agents tune-controllers"
+        raise SceneError(msg) from None
+
+
+@dataclass(frozen=True)
+class Tunable:
+    """A controller whose design has free numbers."""
+
+    name: str  # for commands, as of its entry
+    free: Callable[[Scene], Mapping[str, Free]]  # returns the free numbers of a design by name
+    make: Callable[[Scene, Mapping[str, Any]], Controller | Law]  # of such numbers
+    # Numbers that the design also takes as arrays (lanes,): other ones in each episode.
+    by_lane: frozenset[str] = frozenset()
+
+    def entry(
+        self,
+        actuators: tuple[str, ...],
+        order: int,
+        role: Role = "law",
+        label: str = "",
+        refuses: Callable[[Scene], str | None] = lambda _: None,
+    ) -> Entry:
+        """Return the entry of the controller with its best numbers."""
+        return Entry(self.name, actuators, self.best, order, role, label, refuses, tunable=self)
+
+    def design(self, scene: Scene, numbers: Mapping[str, Any]) -> Controller:
+        """Return the controller of such numbers; a law is fed with what is observed."""
+        made = self.make(scene, numbers)
+        return Feedback(scene, made) if isinstance(made, Law) else made
+
+    def first(self, scene: Scene) -> Controller:
+        """Return the controller with the numbers that it is designed with before any search."""
+        return self.design(scene, {name: one.first for name, one in self.free(scene).items()})
+
+    def at(self, scene: Scene, coordinates: Sequence[float]) -> dict[str, float]:
+        """Return the numbers at coordinates of a search."""
+        pairs = zip(self.free(scene).items(), coordinates, strict=True)
+        return {name: float(one.value(float(coordinate))) for (name, one), coordinate in pairs}
+
+    def best(self, scene: Scene) -> Controller:
+        """Return the controller with its best numbers."""
+        return self.design(scene, self.numbers(scene))
+
+    def numbers(self, scene: Scene) -> dict[str, float]:
+        """Return the numbers found for the scene, else the first ones.
+
+        Numbers of another design, with other names, are not used.
+        """
+        free = self.free(scene)
+        for known in read_found().values():
+            found = known.controllers.get(self.name)
+            if found is None or known.scene_digest != scene.digest:
+                continue
+            if set(found.numbers) == set(free):
+                return found.numbers
+        return {name: one.first for name, one in free.items()}
+
+    def near(self, scene: Scene, spread: float, generator: np.random.Generator) -> Controller:
+        """Return the controller with numbers drawn around its best ones.
+
+        The spread is over that of a search's first trials.
+        """
+        pairs, numbers = self.free(scene).items(), self.numbers(scene)
+        drawn = spread * generator.standard_normal(len(numbers))
+        moved = {
+            name: float(one.value(float(z), numbers[name]))
+            for (name, one), z in zip(pairs, drawn, strict=True)
+        }
+        return self.design(scene, moved)
 
 
 def unless(holds: Callable[[Scene], bool], reason: str) -> Callable[[Scene], str | None]:

@@ -11,8 +11,7 @@ from agents.controllers.controller import Controller
 from agents.controllers.feedback import Feedback
 from agents.controllers.noise import RandomActions
 from agents.controllers.predictive_control import predictive_control
-from agents.controllers.registry import entries
-from agents.controllers.searched import Tunable
+from agents.controllers.registry import Tunable, entries
 from agents.controllers.tuned import (
     best_without_memory,
     classical_laws,

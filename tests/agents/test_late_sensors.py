@@ -15,7 +15,7 @@ from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
 from agents.controllers.lqg import WeightedLQG
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.predictive_control import predictive_control
-from agents.controllers.searched import read_found
+from agents.controllers.registry import read_found
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.rigs import DELAY, _filters, compare, late, time_of_action
 from agents.report.pages import markdown

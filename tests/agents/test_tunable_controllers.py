@@ -10,8 +10,8 @@ from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH_SHOCK, TA
 from agents.commands.tune_controllers import main, tunables
 from agents.controllers.controller import part
 from agents.controllers.inertial_drive import HOLD, INERTIAL_DRIVE, PUSH, RETURN
-from agents.controllers.registry import every_entry, laws, obstacle
-from agents.controllers.searched import FINALISTS, Free, Tunable, read_found, trials
+from agents.controllers.registry import Free, Tunable, every_entry, laws, obstacle, read_found
+from agents.controllers.searched import FINALISTS, trials
 from agents.scoring import VALIDATION_SEED, evaluate
 from mm_gym import MovingMassVectorEnv, SceneError, load_scene
 
