@@ -306,6 +306,22 @@ def test_power_goes_into_its_springs_dashpots_and_yield() -> None:
         assert force(p, x, v, own) * v == pytest.approx(rate + lost, rel=1e-10, abs=1e-10)
 
 
+def test_slopes_that_lengths_of_steps_follow_from_are_those_of_the_force() -> None:
+    rng, names = np.random.default_rng(5), magnetorheological.PARAMETERS
+    force, (x, v, z), h = plain(magnetorheological.force), (0.3, -0.2, 0.1), 0.25
+    for _ in range(20):
+        p = rng.uniform(0.5, 1.0, len(names))
+        slope = (force(p, x, v + h, (0.0, z)) - force(p, x, v, (0.0, z))) / h
+        # The force is linear in all that changes here: what is left is round-off.
+        assert magnetorheological.damping(p) == pytest.approx(slope, rel=1e-13)
+        # With a rigid dashpot in series y stays, and z follows the offset until it yields. It is
+        # rigid but for c0 / c1, 1e-9.
+        p[names.index("series_damping")] = 1e9
+        gain = p[names.index("gain")]
+        before, after = (force(p, at, 0.0, (0.0, gain * at)) for at in (x, x + h))
+        assert magnetorheological.stiffness(p) == pytest.approx((after - before) / h, rel=1e-8)
+
+
 def test_energy_balances_where_the_tightest_tolerance_takes_too_many_steps() -> None:
     names, soft = ("hysteresis", "gamma", "beta"), scene_of().interface
     stiff = {f"interface.{name}": 10.0 * getattr(soft, name) for name in names}
