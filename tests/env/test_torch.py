@@ -8,6 +8,7 @@ import torch
 from torch.autograd import gradcheck
 
 from mm_gym import MovingMassVectorEnv, SceneError, compile_scene, load_scene, rewarded
+from mm_gym.lanes import layout
 from mm_gym.tasks import ids
 from mm_gym.torch import Episodes, step
 
@@ -145,6 +146,28 @@ def test_an_episode_has_the_slopes_of_differences(name):
     # Observations are single: 1e-7 of a number of order one, over a difference of 2e-3, and the
     # curvature over 1e-3.
     assert float((slopes * direction).sum()) == pytest.approx(float(apart) / 2e-3, rel=3e-3)
+
+
+@pytest.mark.parametrize(("of", "sign"), [("carriage", 0.0), ("interface", 1.0)])
+def test_the_shown_acceleration_has_the_slope_of_the_damping_force(of, sign):
+    scene = load_scene("mm_gym/SemiActiveDamper-v0").replace(
+        **{
+            "actuation.damping": {"of": of, "minimum": 0.1, "maximum": 20.0},
+            "initial.carriage_velocity": 0.3,
+            "sensors": {"channels": ["carriage_acceleration"]},
+        }
+    )
+    episodes = Episodes(scene, 2)
+    episodes.reset(seed=0)
+    episodes.step(torch.zeros(2, 1))
+    (shown,) = episodes.env.plant.observed
+    lanes = np.asarray(episodes.env.get_state()["values"])
+    v1, v2 = lanes[layout.V1], lanes[layout.V2]
+    wanted = shown.factor * (sign * v2 - v1) / scene.carriage.mass
+    assert abs(wanted).min() > 0.01
+    # Central differences of a linear function: their round-off is some 1e-10 of the acceleration.
+    found = episodes._outputs.slopes()[0, -1]
+    assert found == pytest.approx(wanted, rel=1e-7)
 
 
 def test_a_detached_state_ends_the_way_back():
