@@ -34,6 +34,10 @@ MATLAB_REAL = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (
 """MATLAB's classes of real numbers."""
 
 MAT_HEADER, MAT_VERSIONS = 128, (b"\x00\x01IM", b"\x01\x00MI")
+MAT4_TYPES = {f"{m}0{p}{t}" for m in range(5) for p in range(6) for t in range(3)}
+"""Decimal digits of the number that a file of version 4 begins with: the machine's numbers, the
+type of the array's and what the array is."""
+
 MAT_MATRIX, MAT_COMPRESSED = 14, 15
 MAT_CLASS, MAT_UNREAL, MAT_REAL, MAT_STRUCT = 0xFF, 0x0A00, range(6, 16), 2
 """Bits of an array's flags: its class, and if it is complex or logical; the classes of numbers, and
@@ -176,7 +180,11 @@ def _read_mat(file: Path, content: bytes, variable: str | None) -> tuple[str, ND
     if any(content[place : place + len(HDF5_MARK)] == HDF5_MARK for place in HDF5_PLACES):
         return _read_hdf5(file, content, variable)
     if content[MAT_HEADER - 4 : MAT_HEADER] not in MAT_VERSIONS:
-        refuse(file, None, "not a MATLAB file of version 5 or 7.3 (save with -v7 or -v7.3)")
+        first = content[:4].ljust(4, b"\xff")
+        begins = {f"{int.from_bytes(first, order):04d}" for order in ("little", "big")}
+        other = ", but of version 4" if begins & MAT4_TYPES else ""
+        how = "load it in MATLAB and save it with -v7 or -v7.3"
+        refuse(file, None, f"not a MATLAB file of version 5 or 7.3{other} ({how})")
     order = "<" if content.endswith(b"IM", 0, MAT_HEADER) else ">"
     arrays: list[tuple[str, tuple[int, ...], NDArray[Any]]] = []
     room, data = MOST_ARRAY_BYTES, memoryview(content)[MAT_HEADER:]

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from gymnasium.error import DependencyNotInstalled
-from scipy.io import loadmat
+from scipy.io import loadmat, savemat
 from scipy.sparse import csc_array
 
 from mm_gym import SceneError
@@ -281,6 +281,18 @@ def test_struct_arrays_cells_and_deep_structs_are_no_arrays_of_a_record(tmp_path
     others = {"several": fields, "cells": cells, "deep": inner, "sparse": csc_array(np.eye(3))}
     content = matlab({"a": SERIES, "run": others})
     assert read(tmp_path, content, "m.mat", unit="N").values.tolist() == NORTH
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_old_files_of_matlab_are_refused_by_their_version(tmp_path, order):
+    """SciPy writes version 4 in the order of this processor; the first number states the order."""
+    stream = io.BytesIO()
+    savemat(stream, {"a": SERIES}, format="4")
+    (_, *shape), rest = struct.unpack("=5i", stream.getvalue()[:20]), stream.getvalue()[20:]
+    header = struct.pack(f"{order}5i", 1000 if order == ">" else 0, *shape)
+    told = r"not a MATLAB file of version 5 or 7\.3, but of version 4 \(.* -v7 or -v7\.3\)"
+    with pytest.raises(SceneError, match=told):
+        read(tmp_path, header + rest, "m.mat", unit="N")
 
 
 def matlab_object(name):
