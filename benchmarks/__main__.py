@@ -22,6 +22,7 @@ SECTIONS = {
     "grid": "grid",
     "methods": "methods",
     "interfaces": "interfaces",
+    "devices": "devices",
     "jacobians": "jacobians",
     "precision": "precision",
     "figure10": "figure10",
