@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import cached_property
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,27 +68,26 @@ LANES = 384
 """Those that a thread takes at a time: they stay in its cache, and no thread waits for long."""
 
 
-class Population:
-    """Costs of candidates, found in threads.
+class Trial(NamedTuple):
+    """What decides a candidate's cost: the scene, its networks, their episodes.
 
     A candidate's episodes are lanes side by side; its cost is the mean of those that cost most, the
     worst share of them.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        network: Network,
-        candidates: int,
-        episodes: int,
-        threads: int,
-        *,
-        worst: float = 1.0,
-    ) -> None:
-        self.bounds = [*range(0, candidates, max(1, LANES // episodes)), candidates]
-        counts = np.diff(self.bounds).tolist()
-        self.parts = [Candidates(scene, network, count, episodes, worst) for count in counts]
-        self.frames = candidates * episodes * scene.control.steps
+    scene: Scene
+    network: Network
+    episodes: int
+    worst: float = 1.0
+
+
+class Population:
+    """Costs of candidates, found in threads."""
+
+    def __init__(self, trial: Trial, candidates: int, threads: int) -> None:
+        self.bounds = [*range(0, candidates, max(1, LANES // trial.episodes)), candidates]
+        self.parts = [Candidates(trial, count) for count in np.diff(self.bounds).tolist()]
+        self.frames = candidates * trial.episodes * trial.scene.control.steps
         self.threads = ThreadPoolExecutor(threads)
 
     def costs(self, vectors: Values, seeds: Sequence[int]) -> Values:
@@ -108,15 +107,8 @@ class Population:
 class Candidates:
     """Some of the candidates, in one environment."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        network: Network,
-        candidates: int,
-        episodes: int,
-        worst: float = 1.0,
-    ) -> None:
-        self.worst = worst
+    def __init__(self, trial: Trial, candidates: int) -> None:
+        scene, network, episodes, self.worst = trial
         self.steps, self.limit = scene.control.steps, limit_penalty(scene)
         self.parameters: Single = np.empty((candidates, network.free.size), np.float32)
         lanes, start, (n, *_) = candidates * episodes, network.start, network.sizes
@@ -195,16 +187,11 @@ class Evolution(Search):
         coarse = scene.replace(**{"solver.tolerance": tolerance})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the tolerance is of no use to exact plants
-            self.population = Population(
-                coarse,
-                self.network,
-                settings.candidates,
-                settings.episodes,
-                settings.threads,
-                worst=settings.worst,
-            )
+            trial = Trial(coarse, self.network, settings.episodes, settings.worst)
+            self.population = Population(trial, settings.candidates, settings.threads)
         self.worst = settings.worst
-        self.validation = Candidates(scene, self.network, 1, VALIDATION_EPISODES, self.worst)
+        validated = Trial(scene, self.network, VALIDATION_EPISODES, self.worst)
+        self.validation = Candidates(validated, 1)
         self.frames = self.population.frames
         self.strategy = cma_strategy(
             self.first[self.free],

@@ -13,7 +13,7 @@ from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
 from agents.controllers.lqr import LQR
 from agents.evolution.network_kernel import forward
-from agents.evolution.search import LANES, Evolution, EvolveSettings, Population, evolve
+from agents.evolution.search import LANES, Evolution, EvolveSettings, Population, Trial, evolve
 from agents.policies import load_policy
 from agents.scoring import VALIDATION_SEED, evaluate, validation_cost
 from agents.training.network import Network
@@ -214,7 +214,7 @@ class TestPopulations:
         rng = np.random.default_rng(0)
         network = Network(start_of(scene, EvolveSettings(), rng), 4, odd=task == "CarriageForce")
         vectors = network.first(rng) + 0.3 * rng.standard_normal((5, network.free.size))
-        population = Population(scene, network, 5, 6, threads, worst=worst)
+        population = Population(Trial(scene, network, 6, worst), 5, threads)
         for _ in range(2):  # what one generation leaves must not change the next
             costs = population.costs(vectors, range(VALIDATION_SEED, VALIDATION_SEED + 6))
         population.close()
@@ -230,9 +230,9 @@ class TestPopulations:
         scene, rng = scene_of("CarriageForceFriction"), np.random.default_rng(0)
         network = Network(start_of(scene, EvolveSettings(), rng), 8, odd=True)
         vectors = network.first(rng) + 0.5 * rng.standard_normal((5, network.free.size))
-        whole = Population(scene, network, 5, 6, 1)
+        whole = Population(Trial(scene, network, 6), 5, 1)
         monkeypatch.setattr("agents.evolution.search.LANES", lanes)
-        divided = Population(scene, network, 5, 6, 3)
+        divided = Population(Trial(scene, network, 6), 5, 3)
         got, want = (population.costs(vectors, range(6)) for population in (divided, whole))
         whole.close()
         divided.close()
