@@ -38,7 +38,9 @@ HEADER = """# Benchmarks
 `make bench` writes this page. A comment at the head of each section in the source of this page has
 the command that writes the section alone. Unless a section says otherwise, every ratio is the
 median over rounds in which the candidates took turns, and ± is half the interquartile range. Peers
-that are not installed are left out.
+that are not installed are left out. The line at the end of a section names the processor, the
+versions, and the commit that was measured or, for sections older than this line, the commit that
+brought the numbers.
 """
 MARK = "<!-- python -m benchmarks --write {} -->"
 
