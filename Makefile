@@ -28,9 +28,9 @@ test: $(INSTALLED)
 test-slow: $(INSTALLED)
 	$(RUN) -m pytest -n auto --dist loadfile -m "not browser"
 
-# The web page of a report, in Chromium.
+# The web page of a report, and equations of the site, in Chromium.
 test-browser: $(INSTALLED)
-	$(RUN) -m pytest -m browser tests/agents/test_web_page.py
+	$(RUN) -m pytest -m browser tests/agents/test_web_page.py tests/docs/test_site.py
 
 # As other processors would run them, and twice while eight busy processes run: an hour or two.
 test-processors: $(INSTALLED)

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
+from docutils import nodes
 from sphinx.errors import ExtensionError
+from sphinx_gallery.directives import imgsgnode
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -78,6 +80,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "abort_on_example_error": True,
     "download_all_examples": False,
+    "write_computation_times": False,  # its page loads scripts from the network
     "show_signature": False,
     "remove_config_comments": True,
     "reset_modules": ("matplotlib", palette),
@@ -102,8 +105,19 @@ def escape_bars(*arguments: object) -> None:
     lines[:] = text.split("\n")
 
 
+def describe_pictures(app: Sphinx, doctree: nodes.document, page: str) -> None:
+    """Give the pictures of an example, here and in the list, the words that begin its page."""
+    if page.startswith("gallery/"):
+        for picture in [*doctree.findall(nodes.image), *doctree.findall(imgsgnode)]:
+            example = re.sub(r"^sphx_glr_|_thumb$|_\d+$", "", Path(picture["uri"]).stem)
+            text = app.env.get_doctree(f"gallery/{example}").next_node(nodes.section)
+            picture["alt"] = text.next_node(nodes.paragraph).astext()
+            if isinstance(picture, imgsgnode):  # wide figures scroll in their container
+                picture.replace_self(nodes.container("", picture.deepcopy(), classes=["picture"]))
+
+
 def check_links(app: Sphinx, error: Exception | None) -> None:
-    """End the build with an error where a link of the site leads nowhere."""
+    """End the build with an error where a link leads nowhere, or a page loads from elsewhere."""
     wrong = [] if error or app.builder.format != "html" else broken(Path(app.outdir))
     if wrong:
         raise ExtensionError("\n".join(["broken links", *wrong]))
@@ -112,6 +126,7 @@ def check_links(app: Sphinx, error: Exception | None) -> None:
 def setup(app: Sphinx) -> None:
     """Make what is drawn and written anew for each build."""
     app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("doctree-resolved", describe_pictures)
     app.connect("build-finished", check_links)
     animate_tasks()
     (HERE / "reference" / "scene-fields.md").write_text(scene_fields(), encoding="utf-8")

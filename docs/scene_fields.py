@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from mm_gym.scene.scene import Scene
 
 HEADER = """# Scene fields
@@ -104,5 +106,6 @@ def _value(value: object) -> str:
 
 
 def _cell(text: str) -> str:
-    """Return text that fits into one cell of a table."""
-    return " ".join(text.split()).replace("|", "\\|").replace("*", "\\*")
+    """Return text that fits into one cell of a table; names of pages become links."""
+    text = " ".join(text.split()).replace("|", "\\|").replace("*", "\\*")
+    return re.sub(r"`?docs/([\w-]+)\.md`?", r"[\1](../\1.md)", text)

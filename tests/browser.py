@@ -10,12 +10,13 @@ import subprocess
 import sys
 from contextlib import contextmanager
 from itertools import count
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from io import BufferedReader, BufferedWriter
     from pathlib import Path
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -46,7 +47,7 @@ def executable() -> str:
 class Browser:
     """A page of a browser; messages are those of the Chrome DevTools Protocol."""
 
-    def __init__(self, commands: BinaryIO, answers: BinaryIO) -> None:
+    def __init__(self, commands: BufferedWriter, answers: BufferedReader) -> None:
         self._out, self._in = commands, answers
         self._number, self.events = count(1), []
         target = self.call("Target.createTarget", url="about:blank", session=None)["targetId"]
@@ -56,12 +57,12 @@ class Browser:
             self.call(f"{domain}.enable")
 
     def _read(self) -> dict[str, Any]:
-        text = b""
+        text = bytearray()
         while not text.endswith(b"\0"):
-            piece = self._in.read(1)
-            if not piece:
+            ready = self._in.peek()
+            if not ready:
                 pytest.fail("the browser ended")
-            text += piece
+            text += self._in.read(ready.find(b"\0") + 1 or len(ready))
         return json.loads(text[:-1])
 
     def call(self, method: str, session: str | None = "", **params: object) -> dict[str, Any]:

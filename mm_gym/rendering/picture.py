@@ -89,7 +89,8 @@ def _displacements(subject: Subject, past: Past, view: View) -> Strip:
     lines = [Series(x1, f"carriage x1 [{unit}]", look.INK, limit=limits[0])]
     largest = max(subject.displacement, past.displacement)
     if subject.has_sphere:
-        offset, name = past.rows[layout.X2] / size - x1, f"sphere's offset x2 {MINUS} x1 [{unit}]"
+        offset = past.rows[layout.X2] / size - x1
+        name = f"relative displacement x2 {MINUS} x1 [{unit}]"
         lines.insert(0, Series(offset, name, look.OFFSET, limit=limits[1]))
         largest = max(largest, subject.offset, past.offset)
     high = round_up(largest / size, FINE_STEPS)

@@ -76,10 +76,13 @@ def test_site_with_a_link_that_leads_nowhere_is_refused(tmp_path):
     assert broken(tmp_path) == []
     (tmp_path / "c.html").write_text(
         '<a href="a.html#no">1</a><img src="no.png"><a href="https://x.org">2</a><a href="#">3</a>'
+        '<img src="data:,"><script src="https://x.org/a.js"></script><link href="//x.org/a.css">'
     )
     assert broken(tmp_path) == [
         "c.html: a.html#no: no such place on that page",
         "c.html: no.png: no such file",
+        "c.html: https://x.org/a.js: loaded from elsewhere",
+        "c.html: //x.org/a.css: loaded from elsewhere",
     ]
 
 
