@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.files import write_csv
+from mm_gym.records import Record
 from mm_gym.records.spectrum import peak_responses
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from mm_gym.records import Record
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numba
 from numba import types
@@ -10,9 +10,6 @@ from numba.extending import intrinsic
 
 from mm_gym.compiler.jit import COMPILED, LINKED, compiled_for
 from mm_gym.compiler.llvm_code import unpack_tuple
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 def address_of(work: Callable[..., object], *arguments: object) -> int:

@@ -12,27 +12,22 @@ import sys
 import tempfile
 import uuid
 import warnings
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, BinaryIO
 
 import numba
 from llvmlite import binding
 from numba.core import caching
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.compiler import CompileResult, compile_result
 from numba.core.runtime import rtsys
 
 from mm_gym.compiler.lock import locked
 from mm_gym.compiler.notice import NOT_KEPT
 from mm_gym.compiler.trust import UntrustedError, check_folder, read_trusted
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
-    from typing import BinaryIO
-
-    from numba.core.codegen import CodeLibrary
 
 
 def sources() -> list[Path]:

@@ -11,27 +11,24 @@ code, as a whole. And the compiler leaves out its passes for what no kernel cont
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from numba.core import bytecode, compiler, sigutils, typed_passes, typing, untyped_passes
+from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
+from numba.core.typing import Signature
 
 from mm_gym.compiler.cache import IntermediateCode, KernelCache
 from mm_gym.compiler.notice import announce
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Mapping
-
-    from numba.core.compiler import CompileResult
-    from numba.core.typing import Signature
-
-    Kinds = tuple[Any, ...]
-    """Types of arguments."""
+Kinds = tuple[Any, ...]
+"""Types of arguments."""
 
 PASSES = (
     untyped_passes.TranslateByteCode,

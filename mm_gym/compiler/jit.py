@@ -9,18 +9,15 @@ have kept takes one closure for another (https://github.com/numba/numba/issues/1
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from functools import cache
 from types import CellType, FunctionType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
+from numba.core.compiler import CompileResult
 
 from mm_gym.compiler.guard import NEWEST, OLDEST, dispatchers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numba.core.compiler import CompileResult
 
 COMPILED = not numba.config.DISABLE_JIT
 """Whether kernels are compiled, or run as plain Python for a debugger: NUMBA_DISABLE_JIT=1."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Generator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from mm_gym.compiler.trust import open_in_place
 
@@ -13,10 +14,6 @@ try:
     import fcntl
 except ImportError:  # Windows: every process compiles for itself
     fcntl = None
-
-if TYPE_CHECKING:
-    from collections.abc import Generator
-    from pathlib import Path
 
 PAUSE = 0.05
 """Time between two attempts [s]."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, TypeAlias, cast, get_args
+from typing import Literal, TypeAlias, cast, get_args
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from mm_gym.errors import check_name
 from mm_gym.lanes import layout
+from mm_gym.plant.plant import Plant
+from mm_gym.plant.task import Observed
 from mm_gym.step.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from mm_gym.plant.plant import Plant
-    from mm_gym.plant.task import Observed
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ columns of these.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes.arithmetic import stay_apart
@@ -19,9 +19,6 @@ from mm_gym.lanes.groups import read, write
 from mm_gym.lanes.simd import LANES, alike, element, everywhere, root, with_element
 from mm_gym.lanes.simd_masks import all_hold, larger, where
 from mm_gym.lanes.simd_memory import rows_on_stack
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 ORDER = 4
 """States of a filter: x, x' / w of the low-pass, then y, y' / w of the high-pass, if it has one."""

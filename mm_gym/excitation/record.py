@@ -17,17 +17,14 @@ integral of g p to its state, where g is a sum of exponentials: what q leaves of
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 TABLE, COUNT, IS_EVEN = 0, 1, 2
 """Own slots: where in the description the table begins, its lines, and whether all records are

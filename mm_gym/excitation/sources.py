@@ -6,7 +6,9 @@ The polynomials of force and ground, then amplitude, frequency, cosine and sine 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes import layout
@@ -14,10 +16,6 @@ from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.elementary import on_circle
 from mm_gym.lanes.groups import read
 from mm_gym.lanes.simd import alike
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 ROWS_OF_HARMONIC = 4
 

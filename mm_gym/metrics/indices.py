@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym.errors import SimulationError, refuse
-
-if TYPE_CHECKING:
-    from mm_gym.metrics.response import Response
+from mm_gym.metrics.response import Response
 
 Array = NDArray[np.float64]
 

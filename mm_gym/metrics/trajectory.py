@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,7 @@ from mm_gym.metrics.response import End, Response, Totals
 from mm_gym.simulation.energy.work import CHANGE, energy_jumps, spring_energy
 from mm_gym.simulation.recording import Place, Recording, excitation, states_at
 from mm_gym.simulation.response import acceleration, damped
-
-if TYPE_CHECKING:
-    from mm_gym.simulation.trajectory import Trajectory
+from mm_gym.simulation.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym import methods
 from mm_gym.compiler.jit import plain
@@ -13,7 +14,8 @@ from mm_gym.errors import CompileError, SceneError
 from mm_gym.lanes import layout
 from mm_gym.law.dry_friction import write_regimes
 from mm_gym.law.hardening_springs import CUBIC
-from mm_gym.methods.support import MASSLESS
+from mm_gym.methods import Method
+from mm_gym.methods.support import MASSLESS, Support
 from mm_gym.plant.excitation import samples_of
 from mm_gym.plant.idle_friction import without_idle_friction
 from mm_gym.plant.method_choice import choose, settings_of
@@ -21,16 +23,7 @@ from mm_gym.plant.plant import Plant
 from mm_gym.plant.support_of import support_of
 from mm_gym.plant.task import observed, rewarded_channels, task_array
 from mm_gym.scene.part import is_whole
-from mm_gym.scene.scene import DELAY, Solver, bounds
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from mm_gym.methods import Method
-    from mm_gym.methods.support import Support
-    from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import DELAY, Scene, Solver, bounds
 
 
 def compile_scene(scene: Scene) -> Plant:

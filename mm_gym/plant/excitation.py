@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from math import ceil, expm1, inf, log, sqrt
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process, noise, record
 from mm_gym.excitation import kinds as kernels
 from mm_gym.lanes import layout
-from mm_gym.records import read_record
+from mm_gym.records import Record, read_record
 from mm_gym.records.spectrum import peak_responses
-from mm_gym.scene.excitation import Recorded, Sampled
-from mm_gym.scene.scene import bounds
+from mm_gym.scene.excitation import FilteredNoise, Impulse, NumberOrRange, Recorded, Sampled, Sweep
+from mm_gym.scene.part import Part
+from mm_gym.scene.scene import Scene, bounds
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from mm_gym.records import Record
-    from mm_gym.scene.excitation import FilteredNoise, Impulse, NumberOrRange, Sweep
-    from mm_gym.scene.part import Part
-    from mm_gym.scene.scene import Scene
-
-    Array = NDArray[np.float64]
-    Slots = tuple[float, float, float, float]
+Array = NDArray[np.float64]
+Slots = tuple[float, float, float, float]
 
 NUMBER = "record"
 """Field of the number of an episode's record in a set, which nobody states."""

@@ -6,19 +6,18 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
+from mm_gym.methods.support import Support
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym.methods.support import Support
     from mm_gym.scene.scene import Scene
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 FRICTION = (layout.MU1, layout.MU2, layout.VR, layout.CHI, layout.FN)
 """Rows of the parameters of dry friction."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.errors import ActionError, CompileError, SceneError
 from mm_gym.excitation.kinds import begin_excitation
 from mm_gym.lanes import layout
-from mm_gym.methods.support import MASSLESS
+from mm_gym.methods.support import MASSLESS, Support
 from mm_gym.plant.idle_friction import require_stick
 from mm_gym.plant.point import lane_at, require_parameters
 from mm_gym.sensitivity.actuators import actuators_of
@@ -17,14 +19,7 @@ from mm_gym.sensitivity.jacobian import Jacobian, Sensitivities
 from mm_gym.sensitivity.layout import CAUSED
 from mm_gym.step.episodes import complete
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.methods.support import Support
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 FOLLOWED_OF_HARMONICS = (layout.AMPLITUDE, layout.FREQUENCY, layout.PHASE)
 

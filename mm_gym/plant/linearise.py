@@ -5,29 +5,25 @@ The laws are (1) to (6) of docs/model.md and their slopes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from decimal import Context, Decimal, localcontext
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring, dry_friction, springs
+from mm_gym.law.interface import Interface
+from mm_gym.methods.support import Support
 from mm_gym.state_space.equations import state_space, values_of
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from mm_gym.law.interface import Interface
-    from mm_gym.methods.support import Support
-
-    Array = NDArray[np.float64]
-    Decimals = NDArray[np.object_]
+Array = NDArray[np.float64]
+Decimals = NDArray[np.object_]
 
 DRIVERS = ("force", "stretch", "damping", "voltage", "disturbance", "ground", "one")
 """What drives the motion, in the order of the columns of `Tangent.drivers`; one is constant."""

@@ -6,17 +6,12 @@ takes. Section 1 of docs/numerics.md says what that comes to.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from mm_gym import methods
 from mm_gym.errors import CompileError
 from mm_gym.lanes import layout
-from mm_gym.methods.support import MASSLESS
-
-if TYPE_CHECKING:
-    from mm_gym.methods import Method
-    from mm_gym.methods.support import Support
-    from mm_gym.scene.scene import Solver
+from mm_gym.methods import Method
+from mm_gym.methods.support import MASSLESS, Support
+from mm_gym.scene.scene import Solver
 
 REMEDY = "shorten control.time_step, or loosen solver.tolerance"
 FIXED = "every parameter has one value"

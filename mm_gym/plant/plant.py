@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Context, localcontext
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.excitation.kinds import FIRST
 from mm_gym.lanes import layout
 from mm_gym.law.springs import LINEAR
+from mm_gym.methods import Method, Settings
+from mm_gym.methods.support import Support
 from mm_gym.plant.linearise import values_about
 from mm_gym.plant.state_space import state_space_of
-from mm_gym.state_space.equations import state_space
+from mm_gym.sensitivity.jacobian import Jacobian
+from mm_gym.state_space.equations import StateSpace, state_space
+from mm_gym.state_space.linear_system import LinearSystem
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
 from mm_gym.state_space.transition import massless_transition, transition
+from mm_gym.step.control_step import Entries
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.methods import Method, Settings
-    from mm_gym.methods.support import Support
     from mm_gym.plant.task import Observed
-    from mm_gym.sensitivity.jacobian import Jacobian
-    from mm_gym.state_space.equations import StateSpace
-    from mm_gym.state_space.linear_system import LinearSystem
-    from mm_gym.step.control_step import Entries
 
 
 SCALED = ("peak", "spectral_acceleration")

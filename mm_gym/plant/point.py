@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout
 from mm_gym.law.dry_friction import REGIMES_WRITTEN, write_regimes
+from mm_gym.methods.support import Support
 from mm_gym.plant.idle_friction import REMEDY
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.methods.support import Support
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 def lane_at(

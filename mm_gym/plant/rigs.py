@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from mm_gym.plant.compile import compile_scene
-from mm_gym.scene.scene import DELAY, bounds
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import DELAY, Scene, bounds
 
 UNSURE = {
     "carriage": ("mass", "stiffness", "damping"),

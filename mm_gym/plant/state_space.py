@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.errors import SceneError, suggest
 from mm_gym.excitation import filters as shaping
@@ -15,6 +17,7 @@ from mm_gym.excitation import impulse_process as process
 from mm_gym.excitation import kinds as kernels
 from mm_gym.excitation import noise
 from mm_gym.lanes import layout
+from mm_gym.methods.support import Support
 from mm_gym.plant.linearise import DRIVERS, Tangent, tangent
 from mm_gym.plant.point import lane_at
 from mm_gym.state_space.linear_system import LinearSystem, Signal
@@ -22,14 +25,9 @@ from mm_gym.state_space.matrix_exponential import decimals, exponential
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.methods.support import Support
     from mm_gym.plant.task import Observed
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 INPUTS = {
     "force": "N",

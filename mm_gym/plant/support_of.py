@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,17 +10,13 @@ from mm_gym.excitation.sources import LONGEST_TURN
 from mm_gym.lanes import layout
 from mm_gym.law import INTERFACES
 from mm_gym.law.hardening_springs import CUBIC, LINES, with_hardening_springs
-from mm_gym.law.interface import LINE
+from mm_gym.law.interface import LINE, Interface
 from mm_gym.law.springs import LINEAR
 from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.plant.excitation import NUMBER, lay_out
 from mm_gym.plant.task import instruments_of
 from mm_gym.scene.mechanics import GRAVITY
-from mm_gym.scene.scene import bounds
-
-if TYPE_CHECKING:
-    from mm_gym.law.interface import Interface
-    from mm_gym.scene.scene import NumberOrRange, Scene
+from mm_gym.scene.scene import NumberOrRange, Scene, bounds
 
 ROWS: dict[str, int] = {
     "initial.carriage_displacement": layout.X1,

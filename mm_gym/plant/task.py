@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.excitation.kinds import FILTER, FIRST, KIND, OWN, SIZE
 from mm_gym.excitation.noise import PLACE
 from mm_gym.lanes import layout
-from mm_gym.scene.actuators import ForceActuator
-from mm_gym.scene.scene import DELAY, bounds
+from mm_gym.methods.support import Support
+from mm_gym.scene.actuators import DampingActuator, ForceActuator, StretchActuator, VoltageActuator
+from mm_gym.scene.scene import DELAY, NumberOrRange, Scene, bounds
 from mm_gym.step.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym.methods.support import Support
-    from mm_gym.scene.actuators import DampingActuator, StretchActuator, VoltageActuator
-    from mm_gym.scene.scene import NumberOrRange, Scene
-
 
 SMALLEST = float(np.finfo(np.float64).tiny)
 """Smallest scale of a channel, whose inverse is finite."""

@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
 from mm_gym.methods.support import fastest_oscillation
+from mm_gym.plant.plant import Plant
 from mm_gym.precision.oracle import Oracle
+from mm_gym.scene.scene import Scene
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import Place, blank, breaks, excitation, first, held_rows, run
+from mm_gym.simulation.recording import (
+    Place,
+    Recording,
+    blank,
+    breaks,
+    excitation,
+    first,
+    held_rows,
+    run,
+)
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    from mm_gym.plant.plant import Plant
-    from mm_gym.scene.scene import Scene
-    from mm_gym.simulation.recording import Recording
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 EPISODES = 10  # episodes that steps are sampled from; the first is timed
 MOST_STEPS = 100  # control steps of an episode

@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym import methods
 from mm_gym.errors import CompileError, SimulationError, refuse
 from mm_gym.lanes import layout
 from mm_gym.methods.support import PHYSICAL
 from mm_gym.plant.compile import compile_scene
-from mm_gym.precision.episode import episodes_of, truth_of
+from mm_gym.plant.plant import Plant
+from mm_gym.precision.episode import Episode, Truth, episodes_of, truth_of
 from mm_gym.precision.result import Setting, WorkPrecision, margin
+from mm_gym.scene.scene import Scene
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import blank, lane_at, run
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from mm_gym.plant.plant import Plant
-    from mm_gym.precision.episode import Episode, Truth
-    from mm_gym.scene.scene import Scene
-    from mm_gym.simulation.recording import Recording
+from mm_gym.simulation.recording import Recording, blank, lane_at, run
 
 COSTLIEST = 0.1  # time for the episode [s] above which no finer setting of a method is tried
 ROUNDS = 5  # turns in which each setting is timed; the median counts

@@ -6,23 +6,21 @@ Tests, benchmarks and `mm_gym.work_precision` measure errors against it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp  # pyright: ignore[reportUnknownVariableType] - untyped
 
 from mm_gym.errors import SimulationError
 from mm_gym.scene.mechanics import GRAVITY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import ArrayLike, NDArray
-
     from mm_gym.scene.scene import Scene
 
-    State = NDArray[np.float64]
+State = NDArray[np.float64]
 
 STICK = 0  # regime of dry friction; +1 and -1 are the directions of slip w
 

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.drawing import COLOURS, MARKERS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import refuse
@@ -17,10 +19,7 @@ from mm_gym.files import write_csv
 from mm_gym.scene.scene import Solver
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
 
 LARGEST = 20  # errors that the tail is fitted to, of few a quarter

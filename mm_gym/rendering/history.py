@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +10,9 @@ from scipy.linalg import expm  # pyright: ignore[reportUnknownVariableType] - Sc
 
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
+from mm_gym.rendering.subject import Subject
+from mm_gym.simulation.lanes import Lanes
 from mm_gym.step.outputs import excitation
-
-if TYPE_CHECKING:
-    from mm_gym.rendering.subject import Subject
-    from mm_gym.simulation.lanes import Lanes
 
 Array = NDArray[np.float64]
 

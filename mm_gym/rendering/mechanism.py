@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, floor, pi, sin, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.springs import spring_force
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
+from mm_gym.rendering.canvas import Canvas
 from mm_gym.rendering.history import Past
 from mm_gym.rendering.look import (
     FINE_STEPS,
@@ -28,10 +28,6 @@ from mm_gym.rendering.look import (
     unit_of,
 )
 from mm_gym.rendering.subject import UNSTRETCHED, Subject
-
-if TYPE_CHECKING:
-    from mm_gym.rendering.canvas import Canvas
-
 
 DOTS = 96.0 / 0.0254 / PIXELS  # units of a picture to a metre of a screen that has 96 dots per inch
 

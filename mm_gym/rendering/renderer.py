@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -19,9 +19,7 @@ from mm_gym.rendering.look import SIZE
 from mm_gym.rendering.picture import Picture, columns
 from mm_gym.rendering.subject import Subject
 from mm_gym.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from mm_gym.simulation.lanes import Lanes
+from mm_gym.simulation.lanes import Lanes
 
 Frame = NDArray[np.uint8]
 

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from math import pi, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mm_gym.lanes import layout
+from mm_gym.plant.plant import Plant
 from mm_gym.rendering.look import text_of
 from mm_gym.scene.excitation import Impulse
 from mm_gym.scene.scene import Scene, bounds
-
-if TYPE_CHECKING:
-    from mm_gym.plant.plant import Plant
-
 
 RATES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25)
 """Frames per second; 25 are fluent, and more would make videos larger."""

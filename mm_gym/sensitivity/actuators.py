@@ -5,17 +5,15 @@ At a limit the derivative is that on its inner side; an action beyond [-1, 1] ch
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.lanes import layout
 from mm_gym.step.task import ACTUATORS, LAG_FACTOR
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 class Actuator(NamedTuple):

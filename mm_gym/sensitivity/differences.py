@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
+from mm_gym.sensitivity.jacobian import Sensitivities
 from mm_gym.step.channels import CHANNELS
 from mm_gym.step.task import state_cost, state_weights
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
     from mm_gym.env.vector import MovingMassVectorEnv
     from mm_gym.scene.scene import Scene
-    from mm_gym.sensitivity.jacobian import Sensitivities
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 def difference_steps(scene: Scene, lanes: Sensitivities) -> Array:

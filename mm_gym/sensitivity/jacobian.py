@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
 from mm_gym.lanes.memory import rows_of
 from mm_gym.lanes.simd import LANES
 from mm_gym.methods.linear.method import Linear
-from mm_gym.methods.support import LINEAR, MASSLESS
+from mm_gym.methods.support import LINEAR, MASSLESS, Support
 from mm_gym.sensitivity import layout as slots
 from mm_gym.sensitivity import tangent_kernel
-from mm_gym.sensitivity.actuators import actuators_of, slopes
+from mm_gym.sensitivity.actuators import Actuator, actuators_of, slopes
 from mm_gym.sensitivity.model import control_step, model_of, parameter_maps
 from mm_gym.sensitivity.step_kernel import by_cubic_series, by_linear_series, by_series, step_by
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from numpy.typing import NDArray
-
-    from mm_gym.methods.support import Support
-    from mm_gym.sensitivity.actuators import Actuator
-
-    Array = NDArray[np.float64]
-    Numbers = NDArray[np.uint64]
+Array = NDArray[np.float64]
+Numbers = NDArray[np.uint64]
 
 UNFINISHED = (layout.TOO_MANY_EVENTS, layout.TOO_MANY_SERIES, layout.TOO_MANY_STEPS)
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process as process
@@ -16,19 +17,12 @@ from mm_gym.methods.base import Settings, degree, header
 from mm_gym.methods.linear.kernel import TRANSITION
 from mm_gym.methods.linear_series.method import LONGEST_PIECE
 from mm_gym.methods.runge_kutta.method import RungeKutta
-from mm_gym.methods.support import fastest_rate
+from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.methods.taylor import layout as series
 from mm_gym.sensitivity import layout as slots
 from mm_gym.sensitivity.linear_kernel import propagate
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from mm_gym.methods.support import Support
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 TOLERANCE = 1e-12
 """Of motion and deviations, where steps are Runge-Kutta's."""

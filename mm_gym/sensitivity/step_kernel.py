@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.harmonics import rotate
@@ -14,9 +14,6 @@ from mm_gym.sensitivity.layout import FIRST_ROW, LAST_V1, LAST_V2, STATES, TANGE
 from mm_gym.step.crossing import by_pieces, by_superposition
 from mm_gym.step.outputs import pass_frame
 from mm_gym.step.task import command, hold
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 @borrowing_kernel

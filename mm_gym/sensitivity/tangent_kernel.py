@@ -6,7 +6,7 @@ state, and by what causes others; steps are as short as the worst of them needs.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
@@ -37,9 +37,6 @@ from mm_gym.sensitivity.columns_kernel import read_harmonic, read_rows, read_sta
 from mm_gym.sensitivity.layout import WIDTH
 from mm_gym.sensitivity.step_kernel import beginning_with, step_by
 from mm_gym.step.crossing import by_pieces
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 MOST_STEPS = 100_000
 

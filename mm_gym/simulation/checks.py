@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeGuard
+from collections.abc import Mapping
+from typing import Any, TypeGuard
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout
+from mm_gym.methods.support import Support
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.methods.support import Support
-
-    Mask = NDArray[np.bool_]
+Mask = NDArray[np.bool_]
 
 
 def checked_fields(

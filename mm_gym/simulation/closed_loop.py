@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
+from numpy.typing import NDArray
 
 from mm_gym.compiler.addresses import address_of
 from mm_gym.compiler.jit import COMPILED, compiled_for, entry_point
 from mm_gym.errors import SimulationError
+from mm_gym.simulation.lanes import Lanes
 from mm_gym.step.closed_loop import LAW_FAILED, run
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from mm_gym.simulation.lanes import Lanes
 
 
 class Episodes(NamedTuple):

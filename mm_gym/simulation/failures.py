@@ -5,21 +5,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
 from mm_gym.law.carriage_spring import escape_distance
 from mm_gym.law.springs import stiffness
+from mm_gym.plant.plant import Plant
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym.plant.plant import Plant
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 GROWN = (layout.TOO_MANY_EVENTS, layout.TOO_MANY_SERIES, layout.DIVERGED)
 """How a motion that grows forever may end."""

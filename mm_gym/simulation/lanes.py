@@ -5,10 +5,12 @@ One class serves the simulation, the single and the vector environment.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.compiler.jit import entry_point, plain
 from mm_gym.compiler.notice import expect
@@ -19,21 +21,15 @@ from mm_gym.lanes.memory import rows_of
 from mm_gym.lanes.random import COUNT, EPISODE, KEY, seed_streams, uniform
 from mm_gym.lanes.threads import nothing
 from mm_gym.law.dry_friction import write_regimes
+from mm_gym.plant.plant import Plant
+from mm_gym.scene.scene import Reward
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.failures import text_of
 from mm_gym.simulation.threads import Threads
 from mm_gym.step import episodes
 from mm_gym.step.outputs import copy_ends, copy_observed, copy_outputs
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.plant.plant import Plant
-    from mm_gym.scene.scene import Reward
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 SEVERAL = 64
 """Lanes that are restarted together take less time gathered, if there are so many."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.errors import SimulationError
 from mm_gym.excitation import record
@@ -25,16 +27,10 @@ from mm_gym.excitation.kinds import (
     write_rows_of_jets,
 )
 from mm_gym.lanes import layout
+from mm_gym.plant.plant import Plant
+from mm_gym.simulation.lanes import Lanes
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from mm_gym.plant.plant import Plant
-    from mm_gym.simulation.lanes import Lanes
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from operator import index
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.compiler.jit import OBSTACLE
 from mm_gym.compiler.notice import NOT_KEPT
@@ -20,19 +21,13 @@ from mm_gym.lanes import layout
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
 from mm_gym.scene.excitation import Recorded
+from mm_gym.scene.scene import Scene
 from mm_gym.simulation.failures import growth_of
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import Recording, blank, held_rows, locate, run, states_at
 from mm_gym.simulation.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from mm_gym.scene.scene import Scene
-
-    Policy = Callable[[float, NDArray[np.float64]], ArrayLike]
+Policy = Callable[[float, NDArray[np.float64]], ArrayLike]
 
 MOST_STEPS = 100_000_000
 """Control steps of one simulation at most. It takes 80 bytes for each sample interval, and more

@@ -9,25 +9,22 @@ Python's pool (`mm_gym.analysis.bifurcation`).
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from functools import partial
 from math import ceil
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.addresses import address_of
 from mm_gym.compiler.jit import LINKED, entry_point
 from mm_gym.lanes import layout
 from mm_gym.lanes.threads import in_threads, nothing
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    Kernel = Callable[..., int]
+Kernel = Callable[..., int]
 
 _turn = Lock()
 """Some of numba's threading layers serve one caller at a time."""

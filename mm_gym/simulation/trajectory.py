@@ -7,17 +7,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import SimulationError
 from mm_gym.files import write_csv
 from mm_gym.lanes import layout
 from mm_gym.law.springs import LINEAR
-from mm_gym.simulation.energy.work import mechanical_energy, work_of
-from mm_gym.simulation.recording import excitation
+from mm_gym.simulation.energy.work import Work, mechanical_energy, work_of
+from mm_gym.simulation.recording import Place, Recording, excitation
 from mm_gym.simulation.response import (
     acceleration,
     base_force,
@@ -30,13 +32,7 @@ from mm_gym.simulation.response import (
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
-
-    from mm_gym.simulation.energy.work import Work
-    from mm_gym.simulation.recording import Place, Recording
 
 UNITS = {"force": "N", "stretch": "-", "damping": "N s/m", "voltage": "V"}
 

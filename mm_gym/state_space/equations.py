@@ -6,19 +6,17 @@ The arithmetic is that of the values.
 from __future__ import annotations
 
 from decimal import Context, Decimal, localcontext
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Values = dict[str, Decimal]
+Values = dict[str, Decimal]
 
 
 class StateSpace(NamedTuple):

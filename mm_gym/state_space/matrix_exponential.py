@@ -9,12 +9,9 @@ the standard library has neither limit; a 4 by 4 exponential takes a few millise
 from __future__ import annotations
 
 from decimal import Context, Decimal, localcontext
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 GUARD_DIGITS = 30
 """Digits kept beyond those that the squarings can lose: 17 for a double, the rest for the sums."""

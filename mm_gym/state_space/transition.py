@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from decimal import Context, Decimal, localcontext
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mm_gym.state_space.equations import StateSpace, Values
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS, exponential, halved_exponentials
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym.state_space.equations import StateSpace, Values
 
 
 def transition(system: StateSpace, time: float, *, is_between: bool = False) -> NDArray[np.float64]:

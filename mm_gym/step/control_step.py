@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import borrowing_kernel, plain
 from mm_gym.excitation.harmonics import rotate
@@ -25,13 +29,7 @@ from mm_gym.step.task import (
     task_and_model,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 
 class Entries(NamedTuple):

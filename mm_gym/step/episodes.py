@@ -7,9 +7,10 @@ the step.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.harmonics import begin_harmonic
@@ -31,12 +32,7 @@ from mm_gym.step.outputs import (
 )
 from mm_gym.step.task import ACTUATORS, IS_RATE, begin_own, finite, task_and_model
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 
 @borrowing_kernel

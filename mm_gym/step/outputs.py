@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.interface import LINE, Interface, force_of, own_at, own_states_of, springs_of
 from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import spring_force
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 @inlined_kernel

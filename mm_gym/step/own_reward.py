@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numba
 import numpy as np
 
 from mm_gym.lanes import layout
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    Compiled = Callable[..., Any]
+Compiled = Callable[..., Any]
 
 
 def rewarding(cost: Compiled, rows: Sequence[tuple[int, int]]) -> Compiled:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
 from mm_gym.errors import DesignError, OutOfReachError
 from mm_gym.scene.mechanics import WITHOUT_STRETCH
-
-if TYPE_CHECKING:
-    from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import Scene
 
 REACHED = 1e-9  # relative distance from the end of the springs' range that is round-off
 

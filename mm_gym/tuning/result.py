@@ -22,12 +22,11 @@ from mm_gym.scene.mechanics import LinearSprings, NoSprings
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import toml_of
 from mm_gym.step.channels import CHANNELS
+from mm_gym.tuning.closed_forms import Absorber
 from mm_gym.tuning.transfer import amplitude, si_factor, si_unit, transfer, without_dimension
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from mm_gym.tuning.closed_forms import Absorber
 
 Array = NDArray[np.float64]
 Row = tuple[str, ...]

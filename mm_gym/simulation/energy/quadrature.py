@@ -6,26 +6,21 @@ import itertools
 import math
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
 from mm_gym.methods.support import fastest_rate
+from mm_gym.plant.plant import Plant
 from mm_gym.sensitivity.layout import TANGENTS
 from mm_gym.sensitivity.model import model_of
 from mm_gym.simulation.energy import rate_series_kernel
-from mm_gym.simulation.recording import lanes_at
+from mm_gym.simulation.recording import Recording, lanes_at
 from mm_gym.simulation.response import interface_energy, interface_force
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym.plant.plant import Plant
-    from mm_gym.simulation.recording import Recording
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 NODES = 8
 """Of a panel."""
