@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
+from mm_gym.differences import Outputs
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout
-from mm_gym.sensitivity import Outputs, Sensitivities
+from mm_gym.sensitivity import Sensitivities
 
 try:
     import torch

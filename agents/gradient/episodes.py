@@ -9,7 +9,8 @@ import numpy as np
 from agents.controllers.lqr import state_weight
 from agents.controllers.observed_state import ROWS
 from mm_gym import DesignError, MovingMassVectorEnv
-from mm_gym.sensitivity import Outputs, Sensitivities
+from mm_gym.differences import Outputs
+from mm_gym.sensitivity import Sensitivities
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import plain
+from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.lanes import layout
-from mm_gym.sensitivity.jacobian import Sensitivities
+from mm_gym.scene.scene import Scene
+from mm_gym.sensitivity import Sensitivities
 from mm_gym.step.channels import CHANNELS
 from mm_gym.step.task import state_cost, state_weights
-
-if TYPE_CHECKING:
-    from mm_gym.env.vector import MovingMassVectorEnv
-    from mm_gym.scene.scene import Scene
 
 Array = NDArray[np.float64]
 
