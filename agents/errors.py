@@ -63,7 +63,7 @@ def command(main: Callable[..., Outcome]) -> Callable[[], Outcome]:
 
 def _called(main: Callable[..., Outcome]) -> Outcome:
     """Call a function with what the command line says."""
-    description = sys.modules[main.__module__].__doc__ or ""
+    description = (sys.modules[main.__module__].__doc__ or "").replace("``", "`")
     kind = next(iter(get_type_hints(main).values()))
     if not (is_dataclass(kind) or (isinstance(kind, type) and issubclass(kind, Document))):
         return cli(main, description=description)

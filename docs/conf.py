@@ -98,11 +98,19 @@ html_static_path = ["static", str(MATHJAX)]
 html_css_files = ["site.css"]
 
 
-def escape_bars(*arguments: object) -> None:
-    """Keep |x| in docstrings from being read as a substitution."""
+def prepare(*arguments: object) -> None:
+    """Escape |x| in docstrings, which would be a substitution, and link the pages named there."""
     lines = arguments[-1]
     text = re.sub(r"(``.*?``)|\|", lambda m: m[1] or r"\|", "\n".join(lines), flags=re.DOTALL)
+    text = re.sub(r"`?docs/([\w/-]+)\.md`?", r":doc:`\1 </\1>`", text)
+    # Sphinx would take the first of several names of attributes for a type.
+    text = re.sub(r"(?m)^:ivar .*?:", lambda m: m[0].replace(", ", ",\u200b"), text)
     lines[:] = text.split("\n")
+
+
+def is_position(*arguments: object) -> bool | None:
+    """Leave out that a field of a named tuple has a number."""
+    return True if "alias for field number" in (arguments[3].__doc__ or "").lower() else None
 
 
 def describe_pictures(app: Sphinx, doctree: nodes.document, page: str) -> None:
@@ -125,7 +133,8 @@ def check_links(app: Sphinx, error: Exception | None) -> None:
 
 def setup(app: Sphinx) -> None:
     """Make what is drawn and written anew for each build."""
-    app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("autodoc-process-docstring", prepare)
+    app.connect("autodoc-skip-member", is_position)
     app.connect("doctree-resolved", describe_pictures)
     app.connect("build-finished", check_links)
     animate_tasks()

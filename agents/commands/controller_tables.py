@@ -28,7 +28,7 @@ class Arguments:
     """What to measure."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """names as Hybrid; all of mm_gym by default"""
+    """names such as Hybrid; all of mm_gym by default"""
 
 
 def with_rows(text: str, header: tuple[str, ...], task: str, rows: list[list[str]]) -> str:

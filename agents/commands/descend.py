@@ -2,10 +2,10 @@
 
 For example ``python -m agents descend PreStretchNoise --seed 1``.
 
-A task, which stands for its file in ``configs/gradient``, or a file of settings comes first, then
-flags over it. An interrupted run continues from its last checkpoint when the same command is given
-again, and a finished one goes on with more ``--iterations`` or ``--time-budget``; the best network
-of the validations is kept.
+The first argument is a task, which stands for its file in ``configs/gradient``, or a file of
+settings; flags override it. The same command continues an interrupted run from its last checkpoint.
+More ``--iterations`` or ``--time-budget`` extend a finished run. The run keeps the network of the
+least validation cost.
 """
 
 from agents.commands._search import search_and_score

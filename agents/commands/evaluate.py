@@ -4,10 +4,10 @@ For example ``python -m agents evaluate runs/first``. Writes tables and figures 
 folder and prints the ranking by the task's cost. Nothing in the folder is run: policies are files
 of numbers. An archive of Stable-Baselines3 can run code when it is opened; it needs ``--trust``.
 
-A controller of your own, whose file is run, see docs/controllers.md: ``python -m agents evaluate
+Your own controller (docs/controllers.md), whose file is executed: ``python -m agents evaluate
 PreStretch --controller my_file.py:MyLaw``.
 
-Several runs and controllers in one table, on one task or many, see docs/evaluation.md: ``python -m
+Several runs and controllers in one table, on one or more tasks (docs/evaluation.md): ``python -m
 agents evaluate baselines lqr "runs/ppo-*" --tasks CarriageForce``.
 """
 
@@ -47,30 +47,30 @@ class Arguments:
     """What to evaluate."""
 
     subjects: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """one: the folder of a finished run, runs/NAME, or with --controller a task or a scene
-    file. Several, or with --tasks: what is compared, each a controller's name (a wrong one lists
-    them), "baselines" for all, the folder of a run, a pattern of folders in quotes for the seeds of
-    one training, a policy's file, or FILE.py:NAME"""
+    """either one finished run, runs/NAME (with --controller a task or a scene file); or several
+    subjects to compare, or one with --tasks: a controller's name (a wrong one lists them),
+    "baselines" for all of them, the folder of a run, a pattern of folders in quotes for the seeds
+    of one training, a policy's file, or FILE.py:NAME"""
     tasks: tuple[str, ...] = ()
-    """to compare on: names as Hybrid, or scene files; by default those of the runs, or all tasks"""
+    """tasks to compare on, such as Hybrid, or scene files; by default those of the runs, or all"""
     episodes: int | None = None
     """held-out episodes: 200, or 64 of each seed"""
     seeds: int | None = None
-    """of what is compared: 5, or as many as the training has"""
+    """seeds of each subject: 5, or as many as the training has"""
     first_seed: int = HELD_OUT_SEED
-    """of the first episode of what is compared"""
+    """seed of the first episode"""
     robustness: bool = False
     """compare also under other masses, stiffnesses and dampings, noise and delay"""
     records: tuple[Path, ...] = ()
-    """also with recorded motions in the place of the excitation"""
+    """also with recorded motions instead of the excitation"""
     unit: str | None = None
-    """of the values of --records, as g or cm/s^2; by default g for AT2 files, else m/s^2 or N"""
+    """unit of --records, such as g or cm/s^2; by default g for AT2 files, else m/s^2 or N"""
     frequency: bool = False
     """measure the steady response of the closed loop over frequency"""
     effort: bool = False
     """measure response and effort over no control and over the best passive damper"""
     processes: int = os.cpu_count() or 1
-    """that work on tasks side by side; results do not depend on it"""
+    """number of tasks scored at once; results do not depend on it"""
     policy: Path | None = None
     """a policy to score instead of the run's own: a policy's file, or a .zip archive of
     Stable-Baselines3 with --trust"""

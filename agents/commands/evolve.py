@@ -2,9 +2,9 @@
 
 For example ``python -m agents evolve PreStretchShock --seed 1``.
 
-A task or a file of settings comes first, then flags over it. An interrupted run continues from its
-last checkpoint when the same command is given again, and a finished one goes on with more
-``--generations`` or ``--time-budget``; the best network of the validations is kept.
+The first argument is a task or a file of settings; flags override it. The same command continues an
+interrupted run from its last checkpoint. More ``--generations`` or ``--time-budget`` extend a
+finished run. The run keeps the network of the least validation cost.
 """
 
 from agents.commands._search import search_and_score

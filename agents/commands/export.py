@@ -1,14 +1,14 @@
 """Write a policy for other programs.
 
-For example ``python -m agents export runs/first --out policy.c``. The ending of ``--out`` says as
-what: ``.c`` is C99 for a microcontroller, which allocates nothing and needs no library but, for
-tanh, the mathematical one; ``.onnx`` is for any ONNX runtime; ``.safetensors`` for NumPy. What the
-C source costs in memory and time is printed. A run, and with ``--task`` a file or a controller by
-its name, is exported with the scene's channels, actuators, units and scales: the C source has
-``policy_act_si`` then, from SI units to SI units.
+For example ``python -m agents export runs/first --out policy.c``. The ending of ``--out`` selects
+the format: ``.c`` is C99 for a microcontroller, which allocates nothing and needs no library but,
+for tanh, the mathematical one; ``.onnx`` is for any ONNX runtime; ``.safetensors`` for NumPy. The
+command prints the memory and the time that the C source needs. A run is exported with the scene's
+channels, actuators, units and scales, and so is a file or a named controller with ``--task``: the C
+source then has ``policy_act_si``, from SI units to SI units.
 
-Of an agent that is added to a law, the law is part of what is written if it is a linear one of the
-observation. If not, it is said which action has to be handed in and added.
+An agent around a controller is written together with it if the controller is linear in the
+observation. Otherwise the command says which action to pass in, and how to add the two.
 """
 
 from dataclasses import dataclass

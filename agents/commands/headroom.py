@@ -1,12 +1,12 @@
 """Measure what there is to gain on each task.
 
 Scores fixed, classical and clairvoyant control on the same hundred episodes, and writes
-``docs/task_scores.json``, from which ``docs/tasks.md`` takes its numbers. The search of the best
-known plans also starts from what finished runs do: ``--runs runs/NAME ...``.
+``docs/task_scores.json``, from which ``docs/tasks.md`` takes its numbers. The search for the
+clairvoyant optima also starts from the actions of finished runs: ``--runs runs/NAME ...``.
 
-``--preview`` measures what it is worth to know the random excitation of the steps to come.
-``--check`` writes nothing: it compares the runs, or without any all classical controllers, with the
-clairvoyant optimum of every episode, and names those that are better.
+``--preview`` measures how much a controller gains from knowing the random excitation in advance.
+``--check`` writes nothing: it compares the runs, or all classical controllers if there are none,
+with the clairvoyant optimum of every episode, and names those that are better.
 """
 
 import io
@@ -51,15 +51,15 @@ class Arguments:
     """What to score."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """names as Hybrid; by default those of the runs, or all of mm_gym"""
+    """names such as Hybrid; by default those of the runs, or all of mm_gym"""
     runs: tuple[str, ...] = ()
     """folders of finished runs, or patterns of folders in quotes"""
     check: bool = False
     """compare with the clairvoyant optima, and write nothing"""
     preview: bool = False
-    """measure what preview of random excitation is worth, and nothing else"""
+    """measure the worth of preview of random excitation, and nothing else"""
     seed: int = 0
-    """of the search"""
+    """seed of the search"""
     plans: Path | None = None
     """folder where the plans are kept, a file a task, and from which the next search begins"""
     out: Annotated[Path, tyro.conf.arg(help_behavior_hint=f"(default: docs/{SCORES.name})")] = (

@@ -3,9 +3,9 @@
 For example ``python -m agents iterate PreStretchShock``.
 
 It is for scenes where the stretch alone is tuned, the plant is linear at every stretch, and nothing
-but random impulses disturbs it. A task or a file of settings comes first, then flags over it. An
-interrupted run continues from its last checkpoint when the same command is given again, and a
-finished one goes on with more ``--sweeps`` or ``--time-budget``.
+but random impulses disturbs it. The first argument is a task or a file of settings; flags override
+it. The same command continues an interrupted run from its last checkpoint. More ``--sweeps`` or
+``--time-budget`` extend a finished run.
 """
 
 from agents.commands._search import search_and_score

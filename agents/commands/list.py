@@ -22,7 +22,7 @@ def main(task: Annotated[str | None, tyro.conf.Positional] = None) -> None:
     Parameters
     ----------
     task
-        a name as Hybrid, or a scene file; by default all tasks are listed
+        a name such as Hybrid, or a scene file; by default all tasks are listed
     """
     if task is None:
         names = {short_name(name): about(path_of(name)) for name in ids()}

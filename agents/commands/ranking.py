@@ -1,9 +1,9 @@
 """Rank all that is known on each task.
 
 Scores the runs on the hundred episodes of ``docs/task_scores.json``, adds them to it, and writes
-``docs/ranking.md`` from it. What is scored again takes the place of its earlier score.
-``--controllers`` scores classical controllers too, by name, and no other: on all tasks that they
-apply to, or on those of ``--tasks``. Then write ``docs/tasks.md``: ``python -m agents task-page``.
+``docs/ranking.md`` from it. A new score replaces an earlier one.
+``--controllers`` also scores the named classical controllers, on all tasks that they apply to or on
+those of ``--tasks``. Then write ``docs/tasks.md``: ``python -m agents task-page``.
 """
 
 import json
@@ -35,7 +35,7 @@ class Arguments:
     controllers: tuple[str, ...] = ()
     """names of classical controllers to score again, as inertial-drive"""
     tasks: tuple[str, ...] = ()
-    """names as Hybrid, on which these are scored; by default all of mm_gym"""
+    """names such as Hybrid, on which these are scored; by default all of mm_gym"""
 
 
 def add_controllers(

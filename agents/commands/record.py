@@ -1,8 +1,8 @@
 """Record a Minari dataset.
 
 For example ``python -m agents record CarriageForce --controller lqr``. A controller or a trained
-policy plays one episode a seed, on many lanes. The seed of an episode and its actions reproduce it
-to the last bit, see docs/clients/minari.md. Needs the extra `datasets`.
+policy plays one episode for each seed, in parallel environments. The seed of an episode and its
+actions reproduce it to the last bit, see docs/clients/minari.md. Needs the extra `datasets`.
 """
 
 from pathlib import PurePath
@@ -28,20 +28,20 @@ class RecordSettings(Document):
     """What is recorded, and under which name."""
 
     task: Annotated[str, tyro.conf.Positional] = "CarriageForce"
-    """a name as Hybrid, or a scene file"""
+    """a name such as Hybrid, or a scene file"""
     changes: Changes = Field(default_factory=dict[str, JsonValue])
     """fields of the scene to change, by dotted name: '{"control.steps": 200}'"""
     controller: str = "random"
     """a controller's name (a wrong one lists those of the task), the folder of a run, or a
     policy's file"""
     lanes: Annotated[int, Field(ge=1)] = 64
-    """environments side by side"""
+    """number of parallel environments"""
     episodes: Annotated[int, Field(ge=1)] = 100
     """episodes to record, each whole"""
     noise: Annotated[float, Field(ge=0)] = 0.0
     """standard deviation of Gaussian noise on the actions, which are then clipped to [-1, 1]"""
     seed: Annotated[int, Field(ge=0, lt=1 << 62)] = FIRST_SEED
-    """of the first episode; each episode has the next one"""
+    """seed of the first episode; each episode takes the next seed"""
     out: str | None = None
     """the dataset's id, NAMESPACE/NAME-vVERSION; by default mm_gym/TASK/CONTROLLER-v0"""
     new_version: bool = False

@@ -30,17 +30,17 @@ class Arguments:
     subjects: Annotated[tuple[str, ...], tyro.conf.Positional]
     """folders of finished runs, and all else that the command evaluate compares"""
     tasks: tuple[str, ...] = ()
-    """to compare on: names as Hybrid, or scene files; by default those of the runs, or all tasks"""
+    """tasks to compare on, such as Hybrid, or scene files; by default those of the runs, or all"""
     episodes: int | None = None
     """held-out episodes of each seed: 64"""
     seeds: int | None = None
-    """of what is compared: 5, or as many as the training has"""
+    """seeds of each subject: 5, or as many as the training has"""
     first_seed: int = HELD_OUT_SEED
-    """of the first episode"""
+    """seed of the first episode"""
     baselines: bool = True
     """compare with all classical controllers too"""
     processes: int = os.cpu_count() or 1
-    """that work on tasks side by side"""
+    """number of tasks scored at once"""
     out: Path = Path("report.html")
     """the page"""
 

@@ -1,7 +1,7 @@
 """Train on all tasks and write ``docs/results.md``.
 
 For example ``python -m agents results configs/results.toml``. The file is that of a sweep, see
-``python -m agents sweep``. What is trained already is not trained again, and ``--no-train`` writes
+``python -m agents sweep``. Finished trainings are not repeated, and ``--no-train`` writes
 the page of what there is. The policy of the median seed of every row is published with it:
 ``python -m agents evaluate --published`` scores them again.
 """

@@ -30,7 +30,7 @@ class Arguments:
     """What to score."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """names as HybridRobust; all variants by default"""
+    """names such as HybridRobust; all variants by default"""
     runs: tuple[str, ...] = ()
     """folders of finished runs, or patterns of folders in quotes"""
 

@@ -1,7 +1,7 @@
-"""Score what is final on the sealed episodes of this release, once.
+"""Score controllers and finished runs on the sealed episodes of this release, once.
 
-A thousand episodes a task, on which nothing was tuned, trained or chosen: classical and predictive
-control, and finished runs. Writes ``docs/sealed.md``. What was scored stays; a broken run goes on.
+Each task has a thousand episodes on which nothing was tuned, trained or chosen. Writes
+``docs/sealed.md``. Existing scores are kept, so an interrupted command continues.
 """
 
 import json
@@ -30,13 +30,13 @@ class Arguments:
     """What to score."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """names as Hybrid; by default those of the runs, or all of mm_gym"""
+    """names such as Hybrid; by default those of the runs, or all of mm_gym"""
     runs: tuple[str, ...] = ()
     """folders of finished runs, or patterns of folders in quotes: the seeds of one training each"""
     folder: Path = Path("runs/sealed")
     """where the penalties are kept, a file a task"""
     episodes: int = EPISODES
-    """of each task; other than by default, nothing is written to the page"""
+    """episodes of each task; with another number than the default the page is not written"""
 
 
 @command

@@ -44,7 +44,7 @@ class Arguments:
     """What is searched, and for how long."""
 
     seconds: float = 300.0
-    """of each search"""
+    """length of each search [s]"""
     structures: tuple[str, ...] = ()
     """names of files in configs/structures; by default all"""
     searches: tuple[Literal["evolved", "gradient", "PPO"], ...] = ()

@@ -2,9 +2,9 @@
 
 For example ``python -m agents train PreStretch --name first --seed 1``.
 
-A task, which stands for its file in ``configs/agents``, or a file of settings comes first, then
-flags over it. An interrupted run continues from its last checkpoint when the same command is given
-again, and a finished one goes on with more ``--steps``; the best policy of the validations is kept.
+The first argument is a task, which stands for its file in ``configs/agents``, or a file of
+settings; flags override it. The same command continues an interrupted run from its last checkpoint.
+More ``--steps`` extend a finished run. The run keeps the policy of the least validation cost.
 """
 
 from collections.abc import Sequence

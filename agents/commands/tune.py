@@ -1,12 +1,12 @@
 """Search the settings of an algorithm with Optuna.
 
 For example ``python -m agents tune PreStretch --trials 50 --steps 500000 --name tuned``. All flags
-of ``python -m agents train`` say what every trial has in common.
+of ``python -m agents train`` are allowed, and apply to every trial.
 
 The study is ``runs/NAME/study.db``, and each trial's run folder is next to it; ``best.toml``
-there is the best so far, a file like those of ``configs/agents``. The same command goes on after a
-kill or Ctrl-C, from the checkpoint of the trial that was running; more processes of it share the
-trials.
+there is the best so far, a file like those of ``configs/agents``. After a kill or Ctrl-C the
+same command continues, from the checkpoint of the trial that was running. Several processes of it
+share the trials.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def main(settings: TuneSettings) -> str | None:
     try:
         path = tune(settings)
     except (OSError, optuna.exceptions.StorageInternalError, SQLAlchemyError) as error:
-        return f"error: {_in_one_line(error)}\nthe same command goes on when that is mended"
+        return f"error: {_in_one_line(error)}\nthe same command continues when this is mended"
     print(f"written: {path}", *shortened(path.parent), sep="\n")
     return None
 

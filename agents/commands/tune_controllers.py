@@ -4,7 +4,7 @@ For example ``python -m agents tune-controllers CarriageForceFriction``. Every c
 same budget: ``--trials`` designs, each scored on the 100 validation episodes, and the best of each
 tenth of them on 1,000 further ones, which decide; no other episode is used. The numbers are written
 to ``configs/controllers.json``, from which all commands take them; those of other scenes and
-controllers in it are kept. The same command goes on after a kill or Ctrl-C, from
+controllers in it are kept. After a kill or Ctrl-C the same command continues, from
 ``runs/controllers``.
 """
 
@@ -35,13 +35,13 @@ class Arguments:
     """What to tune."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """names as Hybrid, or scene files; by default all tasks of mm_gym"""
+    """names such as Hybrid, or scene files; by default all tasks of mm_gym"""
     controllers: tuple[str, ...] = ()
     """names as inertial-drive; by default all that have free numbers and apply to the scene"""
     trials: int = 1000
     """designs that are tried of each controller and scene"""
     seed: int = 0
-    """of the search"""
+    """seed of the search"""
     out: Annotated[Path, tyro.conf.arg(help_behavior_hint=f"(default: configs/{NUMBERS.name})")] = (
         NUMBERS
     )

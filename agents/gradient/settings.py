@@ -23,10 +23,10 @@ AVERAGED = 0.03
 """Weight of an iteration in the mean that is validated."""
 
 FRAMES = 64_000
-"""Control steps in an iteration on an own scene."""
+"""Control steps in an iteration on your own scene."""
 
 PERIODS = 2.5, 20.0
-"""Of the slowest mode of an own scene, in which the slopes fade to 1/e, at first and at the end."""
+"""Of the slowest mode of your own scene; slopes fade to 1/e in them, at first and at the end."""
 
 
 class GradientSettings(SearchSettings):
@@ -35,26 +35,26 @@ class GradientSettings(SearchSettings):
     hidden: Count = 32
     """units of the hidden layer"""
     oscillators: Annotated[int, Field(ge=0)] = 4
-    """of the linear memory, two states each, in addition to those that foretell a random force"""
+    """oscillators of the linear memory, two states each, in addition to those that predict a
+    random force"""
     cell: Annotated[int, Field(ge=0)] = 0
-    """units of a recurrent cell (GRU) in the place of the linear memory, trained by torch; 0 for
-    none"""
+    """units of a recurrent cell (GRU) instead of the linear memory, trained by torch; 0 for none"""
     episodes: Count = 256
-    """of an iteration, new ones in the next; on an own scene as many as have 64,000 control steps
-    """
+    """episodes of an iteration, new ones in the next; for your own scene as many as have 64,000
+    control steps"""
     iterations: Count = 600
-    """of the whole run"""
+    """iterations of the whole run"""
     rate: Positive = 4e-3
-    """of learning (Adam), at first"""
+    """learning rate of Adam at the start"""
     first_horizon: Positive = 25.0
-    """control steps in which the slopes fade to 1/e, at first; 2.5 periods of an own scene"""
+    """control steps in which the slopes fade to 1/e, at first; 2.5 periods for your own scene"""
     horizon: Positive = 200.0
-    """the same at the end; 20 periods of an own scene"""
+    """the same at the end; 20 periods for your own scene"""
     feedback: Annotated[float, Field(ge=0, le=1)] = 1.0
-    """part of the slopes over observations that is followed to the motion before; 1 is the exact
-    gradient, less is steadier"""
+    """fraction of the slopes over observations that is followed back to earlier motion; 1 is the
+    exact gradient, less is steadier"""
     floor: Positive = 0.05
-    """of the correlation units' denominators; a smaller one switches more sharply"""
+    """floor of the correlation units' denominators; a smaller one switches more sharply"""
 
     growing: ClassVar[tuple[str, ...]] = ("iterations", "time_budget")
     suffix: ClassVar[str] = "-gradient"

@@ -73,14 +73,14 @@ class SweepSettings(Document):
     tasks: Annotated[tuple[str, ...], Strict(False), Field(min_length=1)] = ("PreStretch",)
     """registered ids, of which ``mm_gym/`` and ``-v0`` may be left out"""
     algorithms: Annotated[tuple[Learner, ...], Strict(False), Field(min_length=1)] = ("ppo",)
-    """as for the command train; evolution, gradient and value_iteration: as the commands evolve,
-    descend and iterate; or residual: ppo with own settings"""
+    """those of the command train; evolution, gradient and value_iteration, which are the commands
+    evolve, descend and iterate; residual, which is ppo with its own settings"""
     seeds: Count = 1
-    """each training is done with the seeds 0, 1, ... below"""
+    """trainings of each kind, with the seeds 0, 1, ..."""
     settings: Changes = Field(default_factory=dict[str, JsonValue])
-    """settings that all have in common, by dotted name: '{"scene": "my.toml"}'; those of one
-    algorithm begin with its name, as "ppo.epochs" or "evolution.hidden", and go over the task's
-    file of good settings; what an algorithm of the sweep does not have is refused"""
+    """settings of all trainings, by dotted name: '{"scene": "my.toml"}'; those of one algorithm
+    begin with its name, such as "ppo.epochs" or "evolution.hidden"; they override the task's file
+    of good settings; a setting that an algorithm of the sweep does not have is refused"""
     algorithm_settings: Changes = Field(default_factory=dict[str, JsonValue])
     """for each algorithm the settings in which it differs, by dotted name"""
     task_settings: Changes = Field(default_factory=dict[str, JsonValue])

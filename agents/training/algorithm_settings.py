@@ -22,11 +22,11 @@ class AlgorithmSettings(Part):
     """What all algorithms have."""
 
     learning_rate: Positive = 1e-3
-    """of the optimiser"""
+    """learning rate of the optimiser"""
     batch_size: Batch = 256
     """samples of one gradient step"""
     discount: Discount = 0.97
-    """gamma"""
+    """discount factor gamma"""
     hidden: Hidden = (64, 64)
     """units of the hidden layers, of policy and value alike"""
     reward_scale: Positive = 0.05
@@ -37,7 +37,7 @@ class PPOSettings(AlgorithmSettings):
     """Proximal policy optimisation (Schulman et al., 2017)."""
 
     learning_rate: Positive = 1e-3
-    """at the start; it falls linearly to zero"""
+    """learning rate at the start; it falls linearly to zero"""
     rollout: Count = 100
     """control steps per lane between updates"""
     batch_size: Batch = 3200
@@ -56,7 +56,7 @@ class RecurrentPPOSettings(PPOSettings):
     hidden: Hidden = (64,)
     """units of the layers after the cell, of policy and value alike"""
     units: Count = 32
-    """of the cell"""
+    """units of the cell"""
 
 
 class OffPolicySettings(AlgorithmSettings):
@@ -67,7 +67,7 @@ class OffPolicySettings(AlgorithmSettings):
     learning_starts: Annotated[int, Field(ge=0)] = 10_000
     """control steps of all lanes before the first gradient step"""
     gradient_steps: Count = 4
-    """after each control step of all lanes"""
+    """gradient steps after each control step of all lanes"""
     reward_scale: Positive = 1.0
     """factor on the reward, so that the value function is of order one"""
 
@@ -76,7 +76,7 @@ class SACSettings(OffPolicySettings):
     """Soft actor-critic (Haarnoja et al., 2018), with a learned temperature."""
 
     tau: Fraction = 0.005
-    """part of the way that the target network follows in a gradient step"""
+    """fraction by which the target network follows in a gradient step"""
     initial_entropy: Positive = 0.1
     """temperature at the start"""
 
@@ -85,7 +85,7 @@ class TD3Settings(OffPolicySettings):
     """Twin delayed deep deterministic policy gradient (Fujimoto et al., 2018)."""
 
     tau: Fraction = 0.005
-    """part of the way that the target network follows in a gradient step"""
+    """fraction by which the target network follows in a gradient step"""
     noise: Positive = 0.1
     """standard deviation of the exploration noise"""
 
@@ -94,11 +94,11 @@ class TQCSettings(SACSettings):
     """Truncated quantile critics (Kuznetsov et al., 2020)."""
 
     dropped_quantiles: Annotated[int, Field(ge=0, lt=25)] = 2
-    """of the 25 of each of both critics"""
+    """quantiles that are dropped, of the 25 of each critic"""
 
 
 class CrossQSettings(OffPolicySettings):
-    """CrossQ (Bhatt et al., 2024): batch normalisation in the place of target networks."""
+    """CrossQ (Bhatt et al., 2024): batch normalisation instead of target networks."""
 
     initial_entropy: Positive = 0.1
     """temperature at the start"""

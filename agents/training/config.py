@@ -62,7 +62,7 @@ class RunSettings(Document):
     """What a policy is for, and where it is written."""
 
     task: str = "mm_gym/PreStretch-v0"
-    """a name as Hybrid"""
+    """a name such as Hybrid"""
     scene: str | None = None
     """path of a scene file to use instead of the task's own"""
     changes: Changes = Field(default_factory=dict[str, JsonValue])
@@ -72,7 +72,7 @@ class RunSettings(Document):
     reward: str | None = None
     """"FILE.py:NAME" of a cost to use instead of the scene's; see docs/training.md"""
     seed: Annotated[int, Field(ge=0, lt=1 << SEED_BITS)] = 0
-    """of the training; no two seeds have an episode in common, nor one with the evaluations"""
+    """seed of the training; no two seeds share an episode, with each other or with evaluations"""
 
     growing: ClassVar[tuple[str, ...]] = ()
     """Settings of which a finished run can be given more to go on; its size comes first."""
@@ -138,27 +138,27 @@ class TrainSettings(RunSettings):
     """What is trained, for how long, and where it is written."""
 
     algorithm: Algorithm = "ppo"
-    """its settings are those of the table of its name"""
+    """its settings are in the table of its name"""
     base: str | None = None
     """controller that the agent is added to: a name, "FILE.py:NAME", or "none"; by default none,
-    and the best one of an own scene; see docs/training.md"""
+    and for your own scene the best one; see docs/training.md"""
     authority: Annotated[float, Field(gt=0, le=2)] = 0.5
-    """most that an agent adds to its base's action, whose range is -1 to 1"""
+    """largest action that the agent adds to its base's, which ranges from -1 to 1"""
     lanes: Annotated[int, Field(ge=1, le=1 << LANE_BITS)] = 128
-    """environments side by side"""
+    """number of parallel environments"""
     steps: Count = 1_000_000
     """control steps of all lanes together"""
     time_budget: Positive | None = None
-    """[s] of training, without interruptions, after which it stops even if steps are left; by
+    """training time [s] without interruptions, after which it stops even if steps are left; by
     default none"""
     evaluations: Count = 10
     """validations during training; the best model is kept"""
     threads: Count = 1
-    """of the gradient computation; more hardly help networks of this size"""
+    """threads of the gradient computation; more hardly help networks of this size"""
     normalise_observations: bool = False
-    """subtract their running mean and divide by their spread; always of an own scene"""
+    """subtract their running mean and divide by their spread; always for your own scene"""
     normalise_rewards: bool = False
-    """divide by the spread of the discounted return; always of an own scene"""
+    """divide by the spread of the discounted return; always for your own scene"""
     ppo: PPOSettings = PPOSettings()
     sac: SACSettings = SACSettings()
     td3: TD3Settings = TD3Settings()
@@ -197,7 +197,7 @@ class TimedSettings(RunSettings):
     """What ends a search, and how often it is validated."""
 
     time_budget: Positive | None = None
-    """[s] without interruptions, after which it stops even if rounds are left; by default none"""
+    """time [s] without interruptions, after which it stops even if rounds are left"""
     evaluations: Count = 20
     """validations during the run; the best policy is kept"""
 
@@ -211,8 +211,8 @@ class SearchSettings(TimedSettings):
     "weighted" the clipped LQR with the free weights of `tune-controllers`, "lqg" the LQG of the
     force, "tracking" an absorber tuned to the frequency it finds, "constant" the best
     constant command, "none" no control; "auto" takes the one for the actuators of a task, unless
-    the LQG or no control clearly costs less on the validation episodes, and the cheapest for an own
-    scene"""
+    the LQG or no control clearly costs less on the validation episodes, and the cheapest for your
+    own scene"""
     hidden: Count = 8
     """units of the hidden layer"""
     extra: Annotated[int, Field(ge=0)] = 0

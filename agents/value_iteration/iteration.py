@@ -40,19 +40,19 @@ class IterateSettings(TimedSettings):
     task: str = "mm_gym/PreStretchShock-v0"
     """a registered id"""
     seed: Annotated[int, Field(ge=0, lt=1 << SEED_BITS)] = 0
-    """without effect, as nothing is drawn; so that sweeps over seeds can have it"""
+    """has no effect, because nothing is drawn; it exists for sweeps over seeds"""
     evaluations: Count = 5
     """validations during the run; the best policy is kept"""
     points: Annotated[int, Field(ge=NODES, le=101)] = 25
-    """of each of the three directions of a motion"""
+    """grid points along each of the three directions of a motion"""
     stretches: Annotated[int, Field(ge=2, le=1001)] = 33
-    """over the actuator's range"""
+    """grid points over the range of the stretch"""
     sizes: Annotated[int, Field(ge=2, le=101)] = 7
-    """of a motion, where there are random impulses; without, the value is as its square"""
+    """grid points over the size of a motion; unused without random impulses"""
     sweeps: Count = 160
-    """of the whole run"""
+    """sweeps of the whole run"""
     threads: Count = 2
-    """among which a sweep is divided; results do not depend on it"""
+    """threads that share a sweep; results do not depend on it"""
 
     growing: ClassVar[tuple[str, ...]] = ("sweeps", "time_budget")
     suffix: ClassVar[str] = "-values"

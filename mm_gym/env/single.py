@@ -76,10 +76,11 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     ===============================================  =========================================
     carriage_displacement, sphere_displacement [m]   1 / objective.displacement_scale
     sphere_offset [m]                                1 / objective.stroke_scale
-    carriage_velocity, sphere_velocity,
+    carriage_velocity, sphere_velocity [m/s]         1 / objective.velocity_scale
     slip_velocity [m/s]                              1 / objective.velocity_scale
-    carriage_acceleration, sphere_acceleration
-    (absolute), ground_acceleration [m/s^2]          displacement_scale / velocity_scale^2
+    carriage_acceleration (absolute) [m/s^2]         displacement_scale / velocity_scale^2
+    sphere_acceleration (absolute) [m/s^2]           the same
+    ground_acceleration [m/s^2]                      the same
     spring_force, disturbance_force [N]              1 / (carriage.stiffness displacement_scale)
     stretch [-]                                      actuation.stretch's minimum and maximum
                                                      become -1 and 1

@@ -102,7 +102,7 @@ class Plant:
 
     @property
     def frames(self) -> int:
-        """Frames that a lane stores: the observed ones, and the delayed ones still to come."""
+        """Number of frames that a lane stores, the observed ones and the delayed ones to come."""
         return self.history + self.most_delay + bool(self.support.sensors_row)
 
     @property

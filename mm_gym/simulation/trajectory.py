@@ -105,7 +105,7 @@ class Trajectory:
 
     @cached_property
     def base_force(self) -> NDArray[np.float64]:
-        """Force (n,) [N] on the base, positive in the direction of x1: the base shear.
+        """Base shear, the force (n,) [N] on the base, positive in the direction of x1.
 
         It is the force of the carriage's spring and damper, plus the reaction to the control force
         if its actuator stands on the base.

@@ -78,7 +78,7 @@ class LinearSystem:
 
     @property
     def poles(self) -> NDArray[np.complex128]:
-        """Eigenvalues (n,): [1/s], or [-] for the map of a control step."""
+        """Eigenvalues (n,) in [1/s], or [-] for the map of a control step."""
         return np.linalg.eigvals(self.A).astype(np.complex128)
 
     def frequency_response(self, frequencies: ArrayLike) -> NDArray[np.complex128]:

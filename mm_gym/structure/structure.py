@@ -399,7 +399,7 @@ class Reduction:
 
     @property
     def ground(self) -> float:
-        """r_j [-]: fraction of the ground's acceleration that the device feels; 1 in a building."""
+        """Fraction r_j [-] of the ground's acceleration that the device feels; 1 in a building."""
         return float(self.structure.influence[self.device - 1])
 
     @property
@@ -409,7 +409,7 @@ class Reduction:
 
     @property
     def effective_mass_ratio(self) -> float:
-        """Effective modal mass Gamma^2 m1 over r' M r [-]: the mode's share of the base shear."""
+        """Effective modal mass Gamma^2 m1 over r' M r [-], the mode's share of the base shear."""
         r = self.structure.influence
         return self.participation**2 * self.mass / float(r @ self.structure.mass @ r)
 

@@ -284,7 +284,7 @@ def test_disk_that_is_too_full_for_a_study_is_named_in_one_line(monkeypatch):
         signal.signal(signal.SIGXFSZ, ignored)
     first, second = status.splitlines()
     assert first.startswith("error: study.db: (sqlite3.OperationalError)")
-    assert second == "the same command goes on when that is mended"
+    assert second == "the same command continues when this is mended"
     assert call(monkeypatch, COMMANDS["tune"]) is None
 
 
