@@ -14,7 +14,7 @@ from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.excitation.kinds import has_corners
 from mm_gym.excitation.sources import ROWS_OF_HARMONIC
 from mm_gym.lanes import layout
-from mm_gym.lanes.simd import element, everywhere, inverse_root, with_element
+from mm_gym.lanes.simd import element, everywhere, near_root, with_element
 from mm_gym.lanes.simd_masks import larger, smaller
 from mm_gym.lanes.simd_memory import from_row, rows_on_stack
 from mm_gym.lanes.tangents import slopes_of, tangent, tangents_of, value_of
@@ -122,7 +122,7 @@ def _propagate_lane(interface, model, lanes, i, b):
         if not error < np.inf:
             factor = runge_kutta.SHORTER
         else:
-            root = element(inverse_root(everywhere(max(error, 1e-30)), 3), 0)
+            root = element(near_root(everywhere(1.0), everywhere(max(error, 1e-30)), 3), 0)
             factor = min(max(runge_kutta.SAFETY * root, runge_kutta.SHORTER), runge_kutta.LONGER)
         is_shortest = h <= SHORTEST * interval and error < np.inf
         if is_shortest:

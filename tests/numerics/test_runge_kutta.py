@@ -10,14 +10,14 @@ from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, plain
 from mm_gym.lanes import layout
 from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES as WIDTH
-from mm_gym.lanes.simd import element, inverse_root
+from mm_gym.lanes.simd import element, near_root, rough_quotient, rough_root
 from mm_gym.lanes.simd_memory import rows_of
 from mm_gym.law.carriage_spring import carriage_force
 from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.motion import coefficients, rates
 from mm_gym.law.springs import spring_force, stiffness
 from mm_gym.methods.runge_kutta import layout as slots
-from mm_gym.methods.runge_kutta.kernel import _between, _cubic
+from mm_gym.methods.runge_kutta.kernel import LONGER, SAFETY, TINY, _between, _cubic
 from mm_gym.methods.runge_kutta.tableau_kernel import first_sum, summed, tableaus
 from mm_gym.simulation.lanes import Lanes
 
@@ -207,20 +207,47 @@ def test_sums_are_those_of_the_pair(pair):
 
 
 @borrowing_kernel
-def _write_inverse_root(numbers, k):
+def _write_near_root(numbers, k):
     rows = rows_of(numbers)
-    rows[0] = inverse_root(rows[0], k)
+    rows[0] = near_root(rows[0], rows[1], k)
+
+
+@borrowing_kernel
+def _write_rough(numbers):
+    rows = rows_of(numbers)
+    rows[0], rows[1] = rough_quotient(rows[0], rows[1]), rough_root(rows[1])
 
 
 @pytest.mark.parametrize("k", [1, 2, 3])
-def test_inverse_roots_are_near(k):
-    numbers = on_cache_line(WIDTH)
+def test_roots_of_quotients_are_near(k):
+    numbers = on_cache_line(2 * WIDTH)
     for start in np.geomspace(1e-9, 1e9, 50 * WIDTH).reshape(-1, WIDTH):
-        numbers[:] = start
-        _write_inverse_root(numbers, k)
-        excess = numbers * start ** (0.5**k)
-        assert excess.min() > 1.0 - 1e-12
-        assert excess.max() < 1.1
+        for below in (np.ones(WIDTH), start[::-1], 1e3 / start):
+            numbers[:WIDTH], numbers[WIDTH:] = start, below
+            _write_near_root(numbers, k)
+            excess = numbers[:WIDTH] * (below / start) ** (0.5**k)
+            # 1 + m is at most 2^0.0861 times 2^m: of both numbers, and of the root.
+            assert excess.min() > 2.0 ** (-0.0861 * 0.5**k)
+            assert excess.max() < 2.0 ** (0.0861 * (1.0 + 0.5**k))
+
+
+def test_the_root_of_nothing_over_something_is_small_and_that_of_something_over_nothing_large():
+    numbers = on_cache_line(2 * WIDTH)
+    for above, below, low, high in ((0.0, 1.0, 0.0, 1e-30), (TINY, 0.0, LONGER / SAFETY, np.inf)):
+        numbers[:WIDTH], numbers[WIDTH:] = above, below
+        _write_near_root(numbers, 3)
+        assert (numbers[:WIDTH] >= low).all()
+        assert (numbers[:WIDTH] <= high).all()
+
+
+def test_rough_quotients_and_roots_are_exact_to_single_precision():
+    numbers = on_cache_line(2 * WIDTH)
+    above, below = np.random.default_rng(6).uniform(0.1, 10.0, (2, WIDTH))
+    numbers[:WIDTH], numbers[WIDTH:] = above, below
+    _write_rough(numbers)
+    single = float(np.finfo(np.float32).eps)  # half of it for each of the three roundings
+    assert numbers[:WIDTH] == pytest.approx(above / below, rel=1.5 * single)
+    assert numbers[WIDTH:] == pytest.approx(np.sqrt(below), rel=single)
 
 
 def test_intervals_longer_than_the_scenes_are_left_to_the_series():

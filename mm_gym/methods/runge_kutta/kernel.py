@@ -20,7 +20,7 @@ from mm_gym.excitation.sources import excitation, is_excited, load_sources, rows
 from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write, write_states
-from mm_gym.lanes.simd import LANES, alike, everywhere, inverse_root, root
+from mm_gym.lanes.simd import LANES, alike, everywhere, near_root, rough_quotient, rough_root
 from mm_gym.lanes.simd_masks import (
     all_hold,
     bits,
@@ -396,17 +396,18 @@ def _assess(interface, model, b):
     o1, o2, s1, s2 = summed(b, estimates + 1, v1, v2)
     change, shift = larger(abs(q1), abs(q2)), larger(abs(r1), abs(r2)) * h
     other = larger(abs(o1), abs(o2))
-    # Hairer, Norsett and Wanner (1993), II.10: for forces that bend as springs do.
-    if model[slots.IS_COMBINED] > 0.0 and is_line(interface):
-        change = _combined(change, other)
-        shift = _combined(shift, larger(abs(s1), abs(s2)) * h)
     least = LEAST if is_line(interface) else LEAST_ALONE
     limit = model[slots.LIMIT] * larger(h * (1.0 / model[layout.SAMPLE_INTERVAL]), alike(h, least))
     if not is_line(interface):  # else what rounding leaves of balanced forces is left to the series
         limit = larger(limit, alike(h, ROUND_OFF))
         forces = fma(abs(b[slots.LINEAR]), far, abs(b[slots.FORCE]) + abs(b[slots.PAIR]))
         fast = fma(ROUND_OFF * forces, b[slots.BY_M1] / limit, fast)
-    good = (shift <= limit * far) & (change <= limit * fast)
+    most, most_shift = limit * fast, limit * far
+    # Hairer, Norsett and Wanner (1993), II.10: for forces that bend as springs do.
+    if model[slots.IS_COMBINED] > 0.0 and is_line(interface):
+        change, most = _combined(change, other, most)
+        shift, most_shift = _combined(shift, larger(abs(s1), abs(s2)) * h, most_shift)
+    good = (shift <= most_shift) & (change <= most)
     # One estimate can vanish by chance where steps are too long, two hardly. At a turning point the
     # speed is that of the oscillation.
     last = slots.KICKS + 2 * stages
@@ -424,10 +425,7 @@ def _assess(interface, model, b):
     slid = summed_own(interface, b, estimates, (zero, zero))
     rounded = rates_of(interface, _parameters(b), far, fast, (zero, zero))
     for k in range(own_states_of(interface)):
-        moved = larger(
-            abs(b[slots.OWN_KICKS + k]), abs(b[last + slots.OWN_KICKS - slots.KICKS + k])
-        )
-        moved = moved * (model[layout.SAMPLE_INTERVAL] / h)
+        moved = abs(b[slots.OWN_KICKS + k]) * (model[layout.SAMPLE_INTERVAL] / h)
         # Where both masses move almost alike, little is left of the digits of the slip velocity.
         moved = fma(abs(rounded[k]), h * ROUND_OFF / limit, moved)
         own = larger(larger(abs(b[slots.OWN + k]), abs(b[slots.END + slots.OWN + k])), moved)
@@ -439,19 +437,24 @@ def _assess(interface, model, b):
     )  # a number, where nothing reads it: a denormal one costs time
     if all_hold(good) and all_hold(h >= model[layout.SAMPLE_INTERVAL] - b[slots.ELAPSED]):
         return
-    error = larger(shift / fma(limit, far, TINY), change / fma(limit, fast, TINY))
-    factor = inverse_root(error, int(model[slots.ROOTS]))
+    roots = int(model[slots.ROOTS])
+    factor = near_root(most_shift + TINY, shift, roots)
+    factor = smaller(factor, near_root(most + TINY, change, roots))
     # The second estimate falls with the fourth power at least.
-    factor = SAFETY * smaller(factor, inverse_root(other * other * h / (coarse + TINY), 3))
+    factor = SAFETY * smaller(factor, near_root(coarse + TINY, other * other * h, 3))
     low, high = alike(h, SHORTER), alike(h, LONGER)
     longer, shorter = smaller(high, factor), larger(low, factor)
     b[slots.FACTOR] = where(good, longer, where(factor < SAFETY, shorter, alike(h, 0.5)))
 
 
 @inlined_kernel
-def _combined(fifth, third):
-    """Return an estimate of eighth order from those of the fifth and the third, all positive."""
-    return fifth * smaller(alike(fifth, 1.0), 10.0 * fifth / third)
+def _combined(fifth, third, most):
+    """Return an estimate of eighth order, and the most that it may be, both times `third`.
+
+    It follows from those of the fifth and the third, all positive.
+    """
+    third = third + TINY
+    return fifth * smaller(third, 10.0 * fifth), most * third
 
 
 @inlined_kernel
@@ -512,14 +515,14 @@ def _judge(model, b):
     d1, d2, d3 = 3.0 * (g1 - g0), 3.0 * fma(-2.0, g1, g0 + g2), fma(3.0, g1 - g2, g3 - g0)
     # From the root of the parabola with the same ends and first slope, in the form without loss.
     rise, square = d1 > 0.0, g3 - g0 - d1
-    wide = root(larger(fma(d1, d1, -4.0 * g0 * square), zero))
-    t = where(rise, d1 + wide, g0 + g0) / where(rise, -2.0 * square, wide - d1)
+    wide = rough_root(larger(fma(d1, d1, -4.0 * g0 * square), zero))
+    t = rough_quotient(where(rise, d1 + wide, g0 + g0), where(rise, -2.0 * square, wide - d1))
     for _ in range(NEWTON_STEPS):
         value = fma(fma(fma(d3, t, d2), t, d1), t, g0)
         slope = fma(fma(3.0 * d3, t, 2.0 * d2), t, d1)
-        following = t - value / slope
+        following = t - rough_quotient(value, slope)
         t = where((following > 0.0) & (following < 1.0), following, t)
-    b[slots.SIDE], b[slots.TIME] = side, where(leaves, t, 0.5) * h
+    b[slots.SIDE], b[slots.TIME] = side, where(leaves, t, 0.5)
 
 
 @borrowing_kernel
@@ -535,25 +538,26 @@ def _follow(model, b):
     if all_hold(stays) and none(target * target > 0.0):
         return
     last = slots.KICKS + 2 * int(model[slots.STAGES])
-    a1, a2 = b[last] / h, b[last + 1] / h
+    k1, k2 = b[last], b[last + 1]
     x1, x2, v1, v2 = b[slots.END], b[slots.END + 1], b[slots.END + 2], b[slots.END + 3]
     to_boundary = target * target * b[slots.GOOD]
     within = b[slots.GOOD] - to_boundary
     # Outwards from stick, inwards from slip; else the boundary is passed for the second time.
-    towards = where(b[slots.REGIME] == 0.0, target, -target) * (a2 - a1) > 0.0
-    missed = fma(target, b[slots.VR], v1 - v2) / (a2 - a1)
-    arrives = where(towards & (abs(missed) <= model[slots.NEAR]), to_boundary, zero)
+    towards = where(b[slots.REGIME] == 0.0, target, -target) * (k2 - k1) > 0.0
+    missed = fma(target, b[slots.VR], v1 - v2) / (k2 - k1)
+    arrives = where(towards & (h * abs(missed) <= model[slots.NEAR]), to_boundary, zero)
     shift = where(arrives > 0.0, missed, zero)
-    b[slots.END], b[slots.END + 1] = _shifted(shift, x1, v1, a1), _shifted(shift, x2, v2, a2)
-    b[slots.END + 2], b[slots.END + 3] = fma(shift, a1, v1), fma(shift, a2, v2)
+    b[slots.END] = fma(h * shift, fma(0.5 * shift, k1, v1), x1)
+    b[slots.END + 1] = fma(h * shift, fma(0.5 * shift, k2, v2), x2)
+    b[slots.END + 2], b[slots.END + 3] = fma(shift, k1, v1), fma(shift, k2, v2)
     _enter(b, where(arrives > 0.0, target - b[slots.REGIME], b[slots.REGIME]))
-    again = where(towards, h + missed, 0.5 * h)
-    following = where(to_boundary > arrives, again, b[slots.TIME])
+    again = where(towards, 1.0 + missed, alike(h, 0.5))
+    following = h * where(to_boundary > arrives, again, b[slots.TIME])
     b[slots.NEXT] = where(b[slots.GOOD] > 0.0, following, zero)
     leaves = (b[slots.VERDICT] == slots.LEAVES) & (within > 0.0)
     b[slots.TARGET] = where(to_boundary > arrives, target, where(leaves, b[slots.SIDE], zero))
     b[slots.GOOD] = where(stays, within, zero) + arrives
-    b[slots.SHIFT], b[slots.ARRIVES] = shift, arrives
+    b[slots.SHIFT], b[slots.ARRIVES] = h * shift, arrives
     if not none(leaves):
         _cut(model, b, leaves)
 
@@ -571,14 +575,14 @@ def _cut(model, b, leaves):
     _, way2 = _between(second, one)
     astray = larger(abs(fma(h, way1, x1) - b[slots.END]), abs(fma(h, way2, x2) - b[slots.END + 1]))
     bend = larger(_bend(*first), _bend(*second))
-    remainder = larger(model[slots.BEND] * (h * h) * REMAINDER * bend, ASTRAY * astray / h)
-    v1, way1 = _between(first, time / h)
-    v2, way2 = _between(second, time / h)
+    remainder = larger(model[slots.BEND] * (h * h) * REMAINDER * bend * h, ASTRAY * astray)
+    v1, way1 = _between(first, time)
+    v2, way2 = _between(second, time)
     missed = abs(fma(side, b[slots.VR], v1 - v2))
     far = larger(abs(x1), abs(x2))
     fast = larger(larger(abs(first[0]), abs(first[3])), larger(abs(second[0]), abs(second[3])))
     limit = model[slots.LIMIT] * (h * (1.0 / model[layout.SAMPLE_INTERVAL]))
-    exact = leaves & (remainder + missed <= limit * fast) & (h * remainder <= limit * far)
+    exact = leaves & (fma(h, missed, remainder) <= limit * fast * h) & (remainder <= limit * far)
     b[slots.END] = where(exact, fma(h, way1, x1), b[slots.END])
     b[slots.END + 1] = where(exact, fma(h, way2, x2), b[slots.END + 1])
     b[slots.END + 2], b[slots.END + 3] = (
@@ -590,17 +594,11 @@ def _cut(model, b, leaves):
         where(exact, one, b[slots.GOOD]),
         where(exact, one, b[slots.ARRIVES]),
     )
-    b[slots.SHIFT] = where(exact, time - h, b[slots.SHIFT])
+    b[slots.SHIFT] = where(exact, fma(time, h, -h), b[slots.SHIFT])
     b[slots.NEXT], b[slots.TARGET] = (
         where(exact, zero, b[slots.NEXT]),
         where(exact, zero, b[slots.TARGET]),
     )
-
-
-@inlined_kernel
-def _shifted(time, x, v, a):
-    """Return a position a short time later."""
-    return fma(time, fma(0.5 * time, a, v), x)
 
 
 @borrowing_kernel

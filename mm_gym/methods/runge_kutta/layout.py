@@ -43,7 +43,7 @@ END = KICKS + 2 * MOST_STAGES
 SOURCES = END + 6
 """Those of `excitation.sources`."""
 # Whether the step is accepted, and by what factor the next may be longer; whether the slip velocity
-# stays in its regime, leaves it, or may; at which boundary, and after what time [s].
+# stays in its regime, leaves it, or may; at which boundary, and after what part of the step.
 GOOD, FACTOR, VERDICT, SIDE, TIME = (SOURCES + MOST_ROWS + k for k in range(5))
 STAYS, LEAVES, MAY_LEAVE = 0.0, 1.0, 2.0
 OWN_KICKS = TIME + 1
