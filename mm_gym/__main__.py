@@ -78,7 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, run, text in (
         ("validate", _validate, "check scene files, and print every finding"),
         ("explain", _explain, "say which model a scene compiles to, and why"),
-        ("rigs", _rigs, "print a scene file with episodes on rigs that differ"),
+        ("rigs", _rigs, "print a scene file whose episodes draw the uncertain parameters of a rig"),
         ("simulate", _simulate, "simulate one episode without an agent, and print how it ends"),
         ("tune", _tune, "find the stretch and damping that suit a scene best"),
         ("render", _render, "draw one episode without an agent as PNG, or as video (.mp4)"),

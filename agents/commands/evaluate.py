@@ -182,7 +182,7 @@ def compare_several(arguments: Arguments) -> None:
     """Compare what the command line names; refuse flags of a single run."""
     for flag in ("policy", "controller"):
         if getattr(arguments, flag) is not None:
-            msg = f"--{flag}: has no effect on several; name it among them: a file or FILE.py:NAME"
+            msg = f"--{flag}: allowed for one run; name the file or FILE.py:NAME among the subjects"
             raise SceneError(msg)
     if arguments.unit is not None and not arguments.records:
         msg = f"--unit: got {arguments.unit!r} without --records; it is the unit of their values"

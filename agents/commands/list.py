@@ -28,6 +28,6 @@ def main(task: Annotated[str | None, tyro.conf.Positional] = None) -> None:
         names = {short_name(name): about(path_of(name)) for name in ids()}
         width = max(map(len, names))
         print(*(f"{name:{width}}  {text}".rstrip() for name, text in names.items()), sep="\n")
-        print("Each also on rigs that differ, with Robust behind its name: docs/robustness.md")
+        print("Variants with uncertain parameters end with Robust: docs/robustness.md")
     else:
         print(*laws(load_scene(task_or_scene(task))), sep="\n")

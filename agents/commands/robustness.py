@@ -1,4 +1,4 @@
-"""Score controllers and agents on rigs that differ, and write ``docs/robustness.md``.
+"""Score controllers and agents on the robust variants, and write ``docs/robustness.md``.
 
 Each variant of a task, as ``PreStretchNoiseRobust``, draws a rig for each episode. Controllers are
 tuned on validation episodes of the variant and told the middle of what is drawn. ``--runs`` adds

@@ -124,7 +124,8 @@ class Descent(Search):
         if self.odd:
             for name in BIASES:
                 gradient[name][:] = 0.0
-        size = np.sqrt(sum(float(np.sum(np.square(slope))) for slope in gradient.values()))
+        with np.errstate(over="ignore"):  # slopes without bound are not followed
+            size = np.sqrt(sum(float(np.sum(np.square(slope))) for slope in gradient.values()))
         self.size = float(size)
         if not (0.0 < size < np.inf):
             return

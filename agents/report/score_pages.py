@@ -18,6 +18,7 @@ from agents.report.pages import render
 from mm_gym import Scene, compile_scene, load_scene, over_rigs
 from mm_gym.files import read_text
 from mm_gym.scene import Part
+from mm_gym.step.channels import CHANNELS
 from mm_gym.tasks import ids, path_of, robust_ids, short_name
 
 Row = Mapping[str, Any]
@@ -95,7 +96,7 @@ def describe(scene: Scene) -> str:
         plant=compile_scene(scene),
         reward=_reward(scene),
         parts=_parts(scene),
-        drawn={name: ends for name, ends in drawn.items() if isinstance(ends, tuple)},
+        drawn=_drawn(scene, drawn),
         ends=[f"|{what}| exceeds {most:g} m" for what, most in limits.items() if most is not None],
     ).rstrip("\n")
 
@@ -134,6 +135,20 @@ def _unit(part: Part, name: str) -> str:
     second = len(units) == len(TARGETS) and getattr(part, "target", None) == "ground"
     unit = units[second] if units else "-"
     return "" if unit == "-" else f" {unit}"
+
+
+def _drawn(scene: Scene, values: Mapping[str, object]) -> list[list[str]]:
+    """Return field, unit and ends of each range among the values of fields."""
+    rows: list[list[str]] = []
+    ranges = {name: ends for name, ends in values.items() if isinstance(ends, tuple)}
+    for name, ends in ranges.items():
+        owner: Any = scene
+        *path, field = name.split(".")
+        for word in path:
+            owner = owner[int(word)] if word.isdigit() else getattr(owner, word)
+        unit = _unit(owner, field).strip() if isinstance(owner, Part) else CHANNELS[field].unit
+        rows.append([f"`{name}`", unit or "-", *(f"{end:.6g}" for end in ends)])
+    return rows
 
 
 def _number(value: object) -> str:
@@ -204,7 +219,7 @@ def robustness_page(scores: Mapping[str, Any]) -> str:
         variants={name: task_of(name) for name in robust_ids()},
         shown=short_name(SHOWN),
         task=short_name(task_of(SHOWN)),
-        drawn=load_scene(SHOWN).randomization,
+        drawn=_drawn(load_scene(SHOWN), load_scene(SHOWN).randomization),
         widths={name: one.default for name, one in signature(over_rigs).parameters.items()},
         delays=DELAYS,
         scores=scores,

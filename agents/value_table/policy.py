@@ -122,7 +122,7 @@ def table_policy(description: Mapping[str, object], arrays: Arrays) -> TablePoli
     after = numbers(arrays, "after", (stretches, 4, n, n, n, sizes), np.float32)
     rise = [np.diff(own[name]).min() for name in ("stretches", "squares")]
     if min(rise) <= 0.0 or own["squares"][0] != 0.0:
-        msg = "stretches, squares: got no rise; allowed: numbers that rise, squares from 0"
+        msg = "stretches, squares: got no increase; allowed: numbers that increase, squares from 0"
         raise ValueError(msg)
     unknown = sorted(set(arrays) - {"description", "after", *ARRAYS})
     if unknown:

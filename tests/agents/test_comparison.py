@@ -453,7 +453,7 @@ def test_command_compares_and_refuses(tmp_path, monkeypatch, capsys) -> None:
     assert f"written: {out}/" in printed
     monkeypatch.setattr(sys, "argv", [*words, "--policy", "x.npz"])
     assert command.main() == (
-        "error: --policy: has no effect on several; name it among them: a file or FILE.py:NAME"
+        "error: --policy: allowed for one run; name the file or FILE.py:NAME among the subjects"
     )
     monkeypatch.setattr(sys, "argv", [*words, "--processes", "0"])
     assert command.main() == "error: --processes: got 0; allowed: at least 1"

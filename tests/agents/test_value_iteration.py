@@ -240,7 +240,7 @@ class TestPolicy:
             ({"after": np.zeros(3)}, r"after: got shape \(3,\)"),
             ({"after": np.zeros((5, 4, 3, 3, 3, 3))}, r"allowed: .* of shape \(5, 4, 4, 4, 4, 3\)"),
             ({"cost": np.full(4, np.nan)}, "cost: got numbers that are not finite"),
-            ({"stretches": np.zeros(5)}, "stretches, squares: .* allowed: numbers that rise"),
+            ({"stretches": np.zeros(5)}, "stretches, squares: .* allowed: numbers that increase"),
             ({"reads": np.zeros(4)}, r"reads: got shape \(4,\)"),
         ],
         ids=str,
