@@ -10,6 +10,8 @@ Arguments of several kernels: `b`, rows of vectors, room for what excites a grou
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.excitation.sources import is_excited
 from mm_gym.lanes import layout
@@ -18,16 +20,19 @@ from mm_gym.lanes.groups import read, write
 from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES, everywhere
 from mm_gym.lanes.simd_memory import rows_of
-from mm_gym.law.linear_motion import add, derivative, state_of
+from mm_gym.law.linear_motion import derivative, state_of
 from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 MOST = 48
 """More than the degree of any series: with a phase of 2, 25 are enough, and one more for each term
 of a jet behind the first."""
 
 # Slots of the model. For each group of rows, which together are one number of a lane, there is one
-# that says whether lanes have values of their own; and 1 / n.
+# that says whether lanes have values of their own; and 1 / n!.
 DEGREE, PIECES, VARIES = (layout.MODEL_OWN + i for i in range(3))
 GROUPS = (
     (layout.M1,),
@@ -37,63 +42,70 @@ GROUPS = (
     (layout.C,),
     (layout.K0, layout.STRETCH),
 )
-INVERSES = VARIES + len(GROUPS)
-END = INVERSES + MOST + 1
+WEIGHTS = VARIES + len(GROUPS)
+END = WEIGHTS + MOST + 2
 
 # Rows of b: the series of the force on the carriage over m1 and of the ground's acceleration; then
 # cosine and sine of each harmonic, and the jets as coefficients of (t / piece)^n.
 FORCE, GROUND, HARMONIC = 0, MOST, 2 * MOST
 
 
-@kernel
-def propagate(model, lanes, first, last):
-    """Advance the lanes by one sample interval; force and stretch are held over it."""
-    is_alone = model[layout.HARMONIC_COUNT] <= 1.0 and model[layout.GROUND] == 0.0
-    if is_excited(model) and (model[PIECES] > 1.0 or not is_alone):
-        numbers = on_cache_line(rows_of_drive(model) * LANES)
-        _propagate(model, lanes, rows_of(numbers), first, last)
-    else:
-        _propagate(model, lanes, None, first, last)
-    return layout.OK
+def _over_groups(move: Callable[..., None]) -> Callable[..., None]:
+    """Return a kernel that moves the lanes by groups; the arguments of `move` are `_move`'s."""
+
+    @borrowing_kernel
+    def propagate_groups(model, lanes, b, first, last):
+        prefer_widest_vectors()
+        stay_apart()
+        varies, plan = _varies(model), _plan(model)
+        p = _parameters(lanes, None, varies, first, min(LANES, last - first))
+        whole = last - (last - first) % LANES
+        for i in range(first, whole, LANES):  # compiled for groups of just that many lanes
+            p = _parameters(lanes, p, varies, i, LANES)
+            move(model, plan, lanes, b, p, i, LANES)
+        if whole < last:
+            p = _parameters(lanes, p, varies, whole, last - whole)
+            move(model, plan, lanes, b, p, whole, last - whole)
+
+    return propagate_groups
 
 
-@borrowing_kernel
-def _propagate(model, lanes, b, first, last):
-    """Advance the lanes, see `propagate`.
+@inlined_kernel
+def _plan(model):
+    """Return the pieces, the degree, a piece [s] and its inverse."""
+    pieces, interval = model[PIECES], model[layout.SAMPLE_INTERVAL]
+    return int(pieces), int(model[DEGREE]), interval / pieces, pieces / interval
+
+
+@inlined_kernel
+def _move_freely(model, plan, lanes, b, p, i, count):  # noqa: ARG001 - as of `_move`
+    """Advance a group of lanes that a held force alone drives.
+
+    Apart from `_move`, whose branches take as long as four terms of the series.
+    """
+    pieces, degree, piece, by_piece = plan
+    g, _, pair, held, y = _begin(model, lanes, piece, p, i, count)
+    for _ in range(pieces):
+        z, _ = derivative(g, y, held, pair)
+        y = _add(model, 0, _drifted(y), z)
+        for n in range(1, degree):
+            z, _ = derivative(g, z, 0.0, 0.0)
+            y = _add(model, n, y, z)
+    _write(lanes, by_piece, y, i, count)
+
+
+@inlined_kernel
+def _move(model, plan, lanes, b, p, i, count):
+    """Advance a group of lanes with parameters p, see `_parameters`.
 
     Without b, which is None, one harmonic force at most and jets excite the lanes, in one piece:
     that passes through no memory.
     """
-    prefer_widest_vectors()
-    stay_apart()
-    varies = _varies(model)
-    p = _parameters(lanes, None, varies, first, min(LANES, last - first))
-    whole = last - (last - first) % LANES
-    for i in range(first, whole, LANES):  # compiled for groups of just that many lanes
-        p = _parameters(lanes, p, varies, i, LANES)
-        _move(model, lanes, b, p, i, LANES)
-    if whole < last:
-        p = _parameters(lanes, p, varies, whole, last - whole)
-        _move(model, lanes, b, p, whole, last - whole)
-
-
-@inlined_kernel
-def _move(model, lanes, b, p, i, count):
-    """Advance a group of lanes with parameters p, see `_parameters`."""
-    pieces, degree, is_swung = (
-        int(model[PIECES]),
-        int(model[DEGREE]),
-        model[layout.HARMONIC_COUNT] > 0.0,
-    )
-    piece, zero = model[layout.SAMPLE_INTERVAL] / pieces, everywhere(0.0)
+    pieces, degree, piece, by_piece = plan
+    is_swung, zero = model[layout.HARMONIC_COUNT] > 0.0, everywhere(0.0)
     terms, jets = int(model[layout.TERMS]), int(model[layout.JETS])
-    by_piece, square, cosine, sine, turn = 1.0 / piece, piece * piece, zero, zero, zero
-    m1, by_m1, by_m2, k1, d, c, k2 = p
-    rate = piece * by_m1
-    scale = piece * rate
-    g = scale * k1, rate * d, rate * c, scale * k2, m1 * by_m2
-    pair, held = control_forces(model, scale * read(lanes, layout.FORCE, i, count))
-    y = state_of(lanes, piece, i, count)
+    square, cosine, sine, turn = piece * piece, zero, zero, zero
+    g, scale, pair, held, y = _begin(model, lanes, piece, p, i, count)
     if b is not None:
         load_drive(model, lanes, b, pieces, i, count)
     elif is_swung:
@@ -105,7 +117,8 @@ def _move(model, lanes, b, p, i, count):
         if b is not None:
             terms = write_drive(model, lanes, b, scale, piece, degree, i, count)
         driven = degree if is_swung else min(max(terms, 1), degree)
-        weights, weight, z, push, inner = (scale, square), 1.0, y, held + sine, pair
+        weights, z, push, inner = (scale, square), y, held + sine, pair
+        y = _drifted(y)
         for n in range(driven):
             if n < terms:
                 push, ground = _driven(b, lanes, jets, terms, weights, push, n, i, count)
@@ -114,24 +127,74 @@ def _move(model, lanes, b, p, i, count):
                 z = z[0], z[1], z[2] - ground, z[3]
             else:
                 z, _ = derivative(g, z, push, inner)
-            weight *= model[INVERSES + n + 1]
-            y = add(y, weight, z)
+            y = _add(model, n, y, z)
             if b is None and is_swung:
                 cosine, sine = -turn * sine, turn * cosine
             push, inner = sine, zero
-        if driven < degree:  # nothing drives the rest: Horner's scheme
-            rest, weight = z, weight * model[INVERSES + driven + 1]
-            for n in range(degree, driven + 1, -1):
-                rest, _ = derivative(g, rest, 0.0, 0.0)
-                rest = add(z, model[INVERSES + n], rest)
-            rest, _ = derivative(g, rest, 0.0, 0.0)
-            y = add(y, weight, rest)
+        for n in range(driven, degree):
+            z, _ = derivative(g, z, 0.0, 0.0)
+            y = _add(model, n, y, z)
         if b is not None and k < pieces - 1:
             continue_drive(model, lanes, b, piece, degree, i, count)
+    _write(lanes, by_piece, y, i, count)
+
+
+@inlined_kernel
+def _begin(model, lanes, piece, p, i, count):
+    """Return generator, units of the carriage's force, both parts of the held one, and state."""
+    m1, by_m1, by_m2, k1, d, c, k2 = p
+    rate = piece * by_m1
+    scale = piece * rate
+    g = scale * k1, rate * d, rate * c, scale * k2, m1 * by_m2
+    pair, held = control_forces(model, scale * read(lanes, layout.FORCE, i, count))
+    return g, scale, pair, held, state_of(lanes, piece, i, count)
+
+
+@inlined_kernel
+def _drifted(y):
+    """Return a state after a piece at constant velocities."""
+    return y[0] + y[2], y[1] + y[3], y[2], y[3]
+
+
+@inlined_kernel
+def _write(lanes, by_piece, y, i, count):
+    """Write the state of the lanes i .. i + count - 1."""
     write(lanes, layout.X1, i, count, y[0])
     write(lanes, layout.X2, i, count, y[0] + y[1])
     write(lanes, layout.V1, i, count, by_piece * y[2])
     write(lanes, layout.V2, i, count, by_piece * (y[2] + y[3]))
+
+
+_FREELY, _EXCITED = _over_groups(_move_freely), _over_groups(_move)
+
+
+@kernel
+def propagate(model, lanes, first, last):
+    """Advance the lanes by one sample interval; force and stretch are held over it."""
+    is_alone = model[layout.HARMONIC_COUNT] <= 1.0 and model[layout.GROUND] == 0.0
+    if not is_excited(model):
+        _FREELY(model, lanes, None, first, last)
+    elif model[PIECES] == 1.0 and is_alone:
+        _EXCITED(model, lanes, None, first, last)
+    else:
+        numbers = on_cache_line(rows_of_drive(model) * LANES)
+        _EXCITED(model, lanes, rows_of(numbers), first, last)
+    return layout.OK
+
+
+@inlined_kernel
+def _add(model, n, y, z):
+    """Return the state with what its derivative n + 1 adds to velocities, and to positions.
+
+    Of positions that is the term of order n + 2, which takes no other derivative.
+    """
+    faster, further = model[WEIGHTS + n + 1], model[WEIGHTS + n + 2]
+    return (
+        fma(further, z[2], y[0]),
+        fma(further, z[3], y[1]),
+        fma(faster, z[2], y[2]),
+        fma(faster, z[3], y[3]),
+    )
 
 
 @inlined_kernel
@@ -141,7 +204,7 @@ def _driven(b, lanes, jet, terms, weights, push, n, i, count):
     Parameters
     ----------
     b
-        See `_propagate`.
+        See `_move`.
     jet, terms
         First row of the jets, and their terms.
     weights

@@ -12,7 +12,7 @@ from mm_gym.lanes import layout
 from mm_gym.law.linear_motion import respond
 from mm_gym.methods.base import ExactMethod, Method, Option, Settings, degree, header
 from mm_gym.methods.linear_series import kernel
-from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, fastest_rate
+from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, fastest_decay, fastest_oscillation
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
@@ -85,7 +85,8 @@ class TruncatedSeries(Method):
 
         Each piece has an equal part of the tolerance.
         """
-        return _model(support, lambda phase, parts: degree_of(phase, settings.tolerance / parts))
+        tolerance, order = settings.tolerance, 2 if support.ground else 1
+        return _model(support, lambda phase, parts: degree_of(phase, tolerance / parts, order))
 
     def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
         """Return the order."""
@@ -107,7 +108,7 @@ def _model(support: Support, degree_of_piece: Callable[[float, float], int]) -> 
     The degree follows from the largest product of a rate and a piece, and from the number of pieces
     in a control step.
     """
-    phase = fastest_rate(support) * support.sample_interval
+    phase = rate_of(support) * support.sample_interval
     pieces = max(1.0, np.ceil(phase / LONGEST_PIECE))
     if not pieces <= MOST_PIECES:
         msg = (
@@ -123,24 +124,47 @@ def _model(support: Support, degree_of_piece: Callable[[float, float], int]) -> 
     model = header(support, kernel.END - layout.MODEL_OWN)
     model[kernel.PIECES], model[kernel.DEGREE] = pieces, terms
     varies = [not all(map(support.fixed, rows)) for rows in kernel.GROUPS]
-    model[kernel.VARIES : kernel.INVERSES] = varies
-    model[kernel.INVERSES + 1 : kernel.END] = 1.0 / np.arange(1.0, kernel.MOST + 1.0)
+    model[kernel.VARIES : kernel.WEIGHTS] = varies
+    model[kernel.WEIGHTS : kernel.END] = [1.0 / math.factorial(n) for n in range(kernel.MOST + 2)]
     return model
 
 
-def degree_of(phase: float, tolerance: float) -> int:
+def rate_of(support: Support) -> float:
+    """Return a bound of the excitation's frequencies and of the norm of A [1/s].
+
+    See `mm_gym.law.bounds.fastest_rate`. Here w, the norm of the undamped motion, and s, that of
+    the damping, are not added: the norm of A is at most that of [[0, w], [w, s]].
+    """
+    half = 0.5 * fastest_decay(support)
+    rate = half + math.hypot(half, fastest_oscillation(support))
+    return max(rate, float(support.frequencies.max(initial=0.0)))
+
+
+def degree_of(phase: float, tolerance: float, order: int = 1) -> int:
     """Return the lowest degree n at which what is cut off is below a part of the tolerance.
 
     In a free motion its first term is at most phase**(n + 1) / (n + 1)!, and each next one smaller
-    by a factor of phase / (n + 2) or less. From rest a force moves the carriage by phase**2 / 2
-    only, of which the first term is 2 phase**(n - 1) / (n + 1)!.
+    by a factor of phase / (n + 2) or less. From rest the velocities grow to phase**order / order!
+    only, and the first term to phase**n / (n + 1)!. Of the positions, whose series is longer by a
+    term, less is cut off.
+
+    Parameters
+    ----------
+    phase
+        Largest product of a rate and a piece.
+    tolerance
+        Relative to the motion.
+    order
+        Power of time with which velocities may grow from rest: 1 under a held force, 2 under a
+        harmonic that passes through zero.
     """
-    n = 2
-    while _first_left_out(phase, n) > MARGIN * tolerance * (1.0 - phase / (n + 2)):
+    n = order + 1
+    while _first_left_out(phase, n, order) > MARGIN * tolerance * (1.0 - phase / (n + 2)):
         n += 1
     return n
 
 
-def _first_left_out(phase: float, n: int) -> float:
+def _first_left_out(phase: float, n: int, order: int) -> float:
     """Return the first term beyond degree n, relative to the motion."""
-    return max(phase**2, 2.0) * phase ** (n - 1) / math.factorial(n + 1)
+    least = max(phase**order, float(math.factorial(order)))
+    return least * phase ** (n + 1 - order) / math.factorial(n + 1)
