@@ -17,7 +17,7 @@ from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.motion import coefficients, rates
 from mm_gym.law.springs import spring_force, stiffness
 from mm_gym.methods.runge_kutta import layout as slots
-from mm_gym.methods.runge_kutta.kernel import LONGER, SAFETY, TINY, _between, _cubic
+from mm_gym.methods.runge_kutta.kernel import LONGER, SAFETY, TINY, _between, _powers
 from mm_gym.methods.runge_kutta.tableau_kernel import first_sum, summed, tableaus
 from mm_gym.simulation.lanes import Lanes
 
@@ -163,17 +163,51 @@ def test_estimates_fall_with_their_power_of_the_step(pair):
     assert np.log2(ratio) == pytest.approx(pair.power, abs=0.15)
 
 
-def test_velocities_between_the_ends_of_a_step_are_cubics_and_so_is_what_they_add_up_to():
+@pytest.mark.parametrize(("pair", "degree"), [*zip(tableaus(), (3, 3, 5), strict=True)])
+def test_velocities_between_the_ends_of_a_step_are_polynomials_and_so_is_what_they_add_up_to(
+    pair, degree
+):
     # Where this fails, steps that change their regime are repeated, and nothing else tells.
-    cubic = np.polynomial.Polynomial(np.random.default_rng(5).uniform(-1.0, 1.0, 4))
+    rng, h = np.random.default_rng(5), 0.4
     model, b = np.zeros(slots.TIMES), np.zeros(slots.SIZE)
-    model[slots.STAGES] = 2
+    model[slots.STAGES], model[slots.IS_COMBINED] = pair.stages, pair.is_combined
+    b[slots.LENGTH] = h
     for k in range(2):
-        b[slots.STATE + 2 + k], b[slots.END + 2 + k] = cubic(0.0), cubic(1.0)
-        b[slots.KICKS + k], b[slots.KICKS + 4 + k] = cubic.deriv()(0.0), cubic.deriv()(1.0)
+        velocity = np.polynomial.Polynomial(rng.uniform(-1.0, 1.0, degree + 1))
+        b[slots.STATE + k], b[slots.END + k] = 0.3, 0.3 + h * velocity.integ()(1.0)
+        b[slots.STATE + 2 + k], b[slots.END + 2 + k] = velocity(0.0), velocity(1.0)
+        kicks = slots.KICKS + k + 2 * np.arange(len(pair.times))
+        b[kicks] = velocity.deriv()(pair.times)
+        powers, _ = plain(_powers)(model, b, k)
         for t in (0.3, 1.0):
-            got = plain(_between)(plain(_cubic)(model, b, k), t)
-            assert got == pytest.approx((cubic(t), cubic.integ()(t)), abs=1e-14)  # ten roundings
+            got = plain(_between)(powers, t)
+            # The way's end is met to single precision, times 60.
+            exact = 1e-14 if degree == 3 else 60.0 * float(np.finfo(np.float32).eps)
+            assert got == pytest.approx((velocity(t), velocity.integ()(t)), abs=exact)
+
+
+@pytest.mark.parametrize("pair", tableaus()[1:], ids=lambda pair: f"{pair.power}")
+def test_velocities_within_a_step_of_an_oscillation_are_as_exact_as_is_said(pair):
+    model, b = np.zeros(slots.TIMES), np.zeros(slots.SIZE)
+    model[slots.STAGES], model[slots.IS_COMBINED] = pair.stages, pair.is_combined
+    b[slots.LENGTH] = 1.0
+    for phase in (0.2, 0.5, 1.0, 1.5):
+        model[slots.BEND] = 0.125 * phase**2
+        turn = 1j * phase
+        values = np.linalg.solve(np.eye(len(pair.times)) - turn * pair.weights, 1 + 0 * pair.times)
+        worst, said = np.zeros(3), 0.0
+        for start in (1.0, 1j):  # the real part is that of a cosine, then of a sine
+            b[slots.STATE], b[slots.END] = (start / turn).real, (start * values[-1] / turn).real
+            b[slots.STATE + 2], b[slots.END + 2] = start.real, (start * values[-1]).real
+            b[slots.KICKS + 2 * np.arange(len(pair.times))] = (turn * start * values).real
+            powers, error = plain(_powers)(model, b, 0)
+            said = max(said, error)
+            for k, t in enumerate((0.25, 0.5, 0.75)):
+                exact = (start * np.exp(turn * t)).real
+                worst[k] = max(worst[k], abs(plain(_between)(powers, t)[0] - exact))
+        assert worst.max() < said
+        # An estimate that is much too large would repeat steps for nothing.
+        assert said < 20.0 * worst.max()
 
 
 @borrowing_kernel

@@ -84,12 +84,17 @@ need."""
 SAFETY, LONGER, SHORTER = 0.9, 4.0, 0.125
 """Of the next step: what is left of the length that would just do, and its limits."""
 
-REMAINDER, ASTRAY = 1.0 / 16.0, 2.0
-"""Largest error of Hermite's cubic, h^4 / 384 of the fourth derivative: of what a slip velocity may
-differ from it, and of the way, over h, by which its integral misses the end, h^5 / 720."""
+REMAINDER, ASTRAY, ASLANT = 1.0 / 16.0, 2.0, 0.25
+"""Largest error of a velocity between the ends of a step. Of Hermite's cubic, h^4 / 384 of the
+fourth derivative: of what a slip velocity may differ from it, and of the way, over h, by which its
+integral misses the end, h^5 / 720. Of the polynomial of fifth degree: of what this differs from the
+cubic, and of what its slope misses an early stage by, of which the error is a sixth."""
 
-NEWTON_STEPS = 2
-"""For the time of an event, on the cubic: the step to it corrects what is left."""
+KNOWN = 3.0
+"""How much larger it may be than the estimated error of a whole step, which says less."""
+
+EARLY, LATE = 5, 9
+"""Stages of the pair of eighth order that are exact to the fifth, at 1 / 3 and at 0.6 of a step."""
 
 _GROUP = VECTORS * LANES
 _ALL = (1 << _GROUP) - 1
@@ -477,12 +482,39 @@ def _bend(c0, c1, c2, c3):
 
 
 @inlined_kernel
-def _between(c, t):
-    """Return such a cubic and its integral at a part t of the step."""
-    c0, c1, c2, c3 = c
-    d1, d2, d3 = 3.0 * (c1 - c0), 3.0 * fma(-2.0, c1, c0 + c2), fma(3.0, c1 - c2, c3 - c0)
-    value = fma(fma(fma(d3, t, d2), t, d1), t, c0)
-    return value, t * fma(t, fma(t, fma(t, 0.25 * d3, d2 * (1.0 / 3.0)), 0.5 * d1), c0)
+def _powers(model, b, k):
+    """Return the velocity of mass k as coefficients of powers, and a bound of its error.
+
+    It is the cubic. If a stage in between is exact to the fifth order, it is the polynomial of
+    fifth degree that has its slope as well and adds up to the way, (t (1 - t))^2 (u + w t) more.
+    """
+    h, last = b[slots.LENGTH], slots.KICKS + 2 * int(model[slots.STAGES]) + k
+    c0, d1, c3 = b[slots.STATE + 2 + k], b[slots.KICKS + k], b[slots.END + 2 + k]
+    change = c3 - c0
+    d2, d3 = fma(3.0, change, -fma(2.0, d1, b[last])), fma(-2.0, change, d1 + b[last])
+    way = fma(0.25, d3, fma(1.0 / 3.0, d2, fma(0.5, d1, c0)))
+    astray = rough_quotient(fma(-h, way, b[slots.END + k] - b[slots.STATE + k]), h)
+    part = REMAINDER * model[slots.BEND] * (h * h)
+    if not model[slots.IS_COMBINED] > 0.0:
+        bend = (1.0 / 3.0) * (abs(d2) + abs(fma(3.0, d3, d2)))
+        zero = alike(h, 0.0)
+        return (c0, d1, d2, d3, zero, zero), larger(part * bend, ASTRAY * abs(astray))
+    late = b[slots.KICKS + 2 * LATE + k] - fma(fma(3.0 * 0.6, d3, 2.0 * d2), 0.6, d1)
+    u = (-125.0 / 12.0) * late  # t^3 (1 - t)^2 has no slope there
+    w = fma(60.0, astray, -2.0 * u)
+    early = b[slots.KICKS + 2 * EARLY + k] - fma(1.0 / 3.0, fma(2.0, d2, d3), d1)
+    early = early - fma(8.0 / 81.0, w, (4.0 / 27.0) * u)
+    powers = c0, d1, d2 + u, d3 + fma(-2.0, u, w), fma(-2.0, w, u), w
+    return powers, larger((1.0 / 16.0) * part * (abs(u) + abs(w)), ASLANT * abs(early))
+
+
+@inlined_kernel
+def _between(powers, t):
+    """Return such a polynomial and its integral at a part t of the step."""
+    d0, d1, d2, d3, d4, d5 = powers
+    value = fma(fma(fma(fma(fma(d5, t, d4), t, d3), t, d2), t, d1), t, d0)
+    way = fma(fma(fma(d5 * (1.0 / 6.0), t, d4 * 0.2), t, 0.25 * d3), t, d2 * (1.0 / 3.0))
+    return value, t * fma(fma(way, t, 0.5 * d1), t, d0)
 
 
 @borrowing_kernel
@@ -517,11 +549,9 @@ def _judge(model, b):
     rise, square = d1 > 0.0, g3 - g0 - d1
     wide = rough_root(larger(fma(d1, d1, -4.0 * g0 * square), zero))
     t = rough_quotient(where(rise, d1 + wide, g0 + g0), where(rise, -2.0 * square, wide - d1))
-    for _ in range(NEWTON_STEPS):
-        value = fma(fma(fma(d3, t, d2), t, d1), t, g0)
-        slope = fma(fma(3.0 * d3, t, 2.0 * d2), t, d1)
-        following = t - rough_quotient(value, slope)
-        t = where((following > 0.0) & (following < 1.0), following, t)
+    slope = fma(fma(3.0 * d3, t, 2.0 * d2), t, d1)
+    following = t - rough_quotient(fma(fma(fma(d3, t, d2), t, d1), t, g0), slope)
+    t = where((following > 0.0) & (following < 1.0), following, t)
     b[slots.SIDE], b[slots.TIME] = side, where(leaves, t, 0.5)
 
 
@@ -564,25 +594,29 @@ def _follow(model, b):
 
 @borrowing_kernel
 def _cut(model, b, leaves):
-    """End steps where they leave their regime, if the cubic of Hermite is exact enough there.
-
-    How exact it is follows from its bend, and from where it leads at the end of the step.
-    """
+    """End steps where they leave their regime, if the velocities are known well enough there."""
     h, time, side = b[slots.LENGTH], b[slots.TIME], b[slots.SIDE]
-    first, second = _cubic(model, b, 0), _cubic(model, b, 1)
-    x1, x2, one, zero = b[slots.STATE], b[slots.STATE + 1], alike(h, 1.0), alike(h, 0.0)
-    _, way1 = _between(first, one)
-    _, way2 = _between(second, one)
-    astray = larger(abs(fma(h, way1, x1) - b[slots.END]), abs(fma(h, way2, x2) - b[slots.END + 1]))
-    bend = larger(_bend(*first), _bend(*second))
-    remainder = larger(model[slots.BEND] * (h * h) * REMAINDER * bend * h, ASTRAY * astray)
+    first, error1 = _powers(model, b, 0)
+    second, error2 = _powers(model, b, 1)
+    error = larger(error1, error2)
+    (p0, p1, p2, p3, p4, p5), (q0, q1, q2, q3, q4, q5) = first, second
+    d1, d2, d3, d4, d5 = q1 - p1, q2 - p2, q3 - p3, q4 - p4, q5 - p5
+    slip = fma(fma(fma(fma(fma(d5, time, d4), time, d3), time, d2), time, d1), time, q0 - p0)
+    rate = fma(5.0 * d5, time, 4.0 * d4)
+    rate = fma(fma(fma(rate, time, 3.0 * d3), time, 2.0 * d2), time, d1)
+    following = time - rough_quotient(fma(-side, b[slots.VR], slip), rate)
+    time = where((following > 0.0) & (following < 1.0), following, time)
     v1, way1 = _between(first, time)
     v2, way2 = _between(second, time)
+    near = 4.0 * time * (1.0 - time)  # both ends are exact, and the slopes there
     missed = abs(fma(side, b[slots.VR], v1 - v2))
-    far = larger(abs(x1), abs(x2))
-    fast = larger(larger(abs(first[0]), abs(first[3])), larger(abs(second[0]), abs(second[3])))
-    limit = model[slots.LIMIT] * (h * (1.0 / model[layout.SAMPLE_INTERVAL]))
-    exact = leaves & (fma(h, missed, remainder) <= limit * fast * h) & (remainder <= limit * far)
+    missed = fma(near * near, error, missed)
+    x1, x2, y1, y2 = b[slots.STATE], b[slots.STATE + 1], b[slots.END], b[slots.END + 1]
+    far = larger(larger(abs(x1), abs(x2)), larger(abs(y1), abs(y2)))
+    fast = larger(larger(abs(p0), abs(q0)), larger(abs(b[slots.END + 2]), abs(b[slots.END + 3])))
+    limit = KNOWN * model[slots.LIMIT] * (h * (1.0 / model[layout.SAMPLE_INTERVAL]))
+    exact = leaves & (missed <= limit * fast) & (h * error <= limit * far)
+    one, zero = alike(h, 1.0), alike(h, 0.0)
     b[slots.END] = where(exact, fma(h, way1, x1), b[slots.END])
     b[slots.END + 1] = where(exact, fma(h, way2, x2), b[slots.END + 1])
     b[slots.END + 2], b[slots.END + 3] = (

@@ -14,7 +14,7 @@ from mm_gym.lanes import layout
 from mm_gym.methods.base import Method, Option, Settings
 from mm_gym.methods.runge_kutta import kernel
 from mm_gym.methods.runge_kutta import layout as slots
-from mm_gym.methods.runge_kutta.kernel import LONGEST_WAY, LONGEST_WAY_OF_BOTH
+from mm_gym.methods.runge_kutta.kernel import LONGEST_WAY, LONGEST_WAY_OF_BOTH, SAFETY
 from mm_gym.methods.runge_kutta.tableau_kernel import Tableau, first_sum, tableaus
 from mm_gym.methods.support import (
     GENERAL,
@@ -215,6 +215,8 @@ def plan_of(support: Support, settings: Settings) -> Plan | None:
     The error is that on an undamped oscillation at the fastest rate of the scene.
     """
     phase = max(_rate(support) * support.sample_interval, SHORTEST)
+    if support.slips and support.high[layout.BETA] > 0.0:
+        phase /= SAFETY  # a step that is too long would be repeated, and its event found again
     turns = TURNS if support.interface.is_bent else 1.0
     return _plan(phase, _limit(support, settings), turns, alone=support.is_general)
 
