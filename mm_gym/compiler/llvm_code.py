@@ -4,11 +4,12 @@ The helpers that are imported here are those that numba's guide to extensions ta
 modules.
 """
 
-# ruff: noqa: ANN401, PLW0108 - LLVM's values have no types here, and numba reads lambdas' code
+# ruff: noqa: ANN401 - LLVM's values have no types here
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cache
 from inspect import Parameter, Signature, signature
 from typing import Any
 
@@ -21,10 +22,14 @@ from numba.core.cgutils import (
     unpack_tuple,
 )
 from numba.core.imputils import lower_constant
-from numba.extending import intrinsic, models, overload, register_model
+from numba.core.typing.templates import AbstractTemplate, infer_global, make_intrinsic_template
+from numba.extending import intrinsic, models, register_model
+
+from mm_gym.compiler.jit import inlined_kernel
 
 __all__ = [
     "alloca_once",
+    "chooses",
     "compiled_as",
     "defines",
     "get_item_pointer",
@@ -66,43 +71,75 @@ def instruction(count: int, result: types.Type, build: Callable[..., Any]) -> Ca
     build
         (context, builder, types of the arguments, *values) -> value.
     """
+    names = ["context", *(f"x{k}" for k in range(count))]
+    return intrinsic(_definition(names, result, build, lambda *_: True))
 
-    def define(_context: Any, *kinds: types.Type) -> tuple[Any, Callable[..., Any]]:
+
+def _definition(
+    names: Sequence[str],
+    result: types.Type | None,
+    build: Callable[..., Any],
+    when: Callable[..., bool],
+) -> Callable[..., Any]:
+    """Return what numba asks for type and code of an instruction, with arguments of these names."""
+
+    def define(_context: Any, *kinds: types.Type) -> tuple[Any, Callable[..., Any]] | None:
         def codegen(context: Any, builder: Any, given: Any, values: Any) -> Any:
             built = build(context, builder, given.args, *values)
             return context.get_dummy_value() if result == types.none else built
 
-        return result(*kinds), codegen
+        return ((result or kinds[0])(*kinds), codegen) if when(*kinds) else None
 
-    names = ["context", *(f"x{k}" for k in range(count))]
     define.__signature__ = Signature(
         [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names]
     )
-    return intrinsic(define)
-
-
-_CALLS: dict[int, Callable[..., Callable[..., Any]]] = {
-    1: lambda function: lambda x: function(x),
-    2: lambda function: lambda x, y: function(x, y),
-    3: lambda function: lambda x, y, z: function(x, y, z),
-    4: lambda function: lambda w, x, y, z: function(w, x, y, z),
-}
-"""Number of arguments -> what a kernel is told to do in place of a call: numba reads its code."""
+    return define
 
 
 def compiled_as(
-    result: types.Type, build: Callable[..., Any], when: Callable[..., bool] | None = None
+    result: types.Type | None, build: Callable[..., Any], when: Callable[..., bool] | None = None
 ) -> Callable[..., Callable[..., Any]]:
     """Return a decorator of a function that is an `instruction` in kernels.
 
-    Where `when` is given, it is only for arguments of which it holds, by their types.
+    Without a type, the result has that of the first argument. Where `when` is given, it is only for
+    arguments of which it holds, by their types.
     """
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        count = len(signature(function).parameters)
-        call = _CALLS[count](instruction(count, result, build))
-        defines(function, when or (lambda *_: True))(call)
+        names = ["context", *signature(function).parameters]
+        define = _definition(names, result, build, when or (lambda *_: True))
+        template = make_intrinsic_template(function, define, function.__name__)
+        infer_global(function, types.Function(template))
         return function
+
+    return decorate
+
+
+def chooses(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a decorator of what returns, by the arguments' types, what a function does in kernels.
+
+    It returns None for arguments of other types. Numba's `overload` does the same, but also makes
+    machine code of each choice, which nothing ever runs.
+    """
+
+    def decorate(choose: Callable[..., Callable[..., Any] | None]) -> Callable[..., Any]:
+        @cache
+        def chosen(*kinds: types.Type) -> Any:
+            implementation = choose(*kinds)
+            return implementation and inlined_kernel(implementation)
+
+        class Template(AbstractTemplate):
+            key = function
+
+            def generic(self, args: Any, kws: Any) -> Any:
+                kernel = chosen(*args)
+                return kernel and types.Dispatcher(kernel).get_call_type(self.context, args, kws)
+
+            def get_impl_key(self, sig: Any) -> Any:
+                return chosen(*sig.args).get_overload(sig)
+
+        infer_global(function, types.Function(Template))
+        return choose
 
     return decorate
 
@@ -114,11 +151,7 @@ def defines(function: Callable[..., Any], when: Callable[..., bool]) -> Callable
     """
 
     def decorate(implementation: Callable[..., Any]) -> Callable[..., Any]:
-        def choose(*kinds: types.Type) -> Callable[..., Any] | None:
-            return implementation if when(*kinds) else None
-
-        choose.__signature__ = signature(implementation)
-        overload(function)(choose)
+        chooses(function)(lambda *kinds: implementation if when(*kinds) else None)
         return implementation
 
     return decorate

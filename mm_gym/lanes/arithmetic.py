@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from numba import types
-from numba.extending import intrinsic, overload
 
 from mm_gym.compiler.jit import kernel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from mm_gym.compiler.llvm_code import compiled_as
 
 
-@intrinsic
-def _fma(_context, x, y, z):
-    def build(_context, builder, _signature, arguments):
-        return builder.fma(*arguments)
-
-    return types.float64(x, y, z), build
-
-
+@compiled_as(
+    types.float64,
+    lambda _context, builder, _kinds, x, y, z: builder.fma(x, y, z),
+    lambda *kinds: all(isinstance(kind, types.Number) for kind in kinds),  # `lanes.simd` has more
+)
 def fma(x: float, y: float, z: float) -> float:
     """Return x y + z, in a kernel rounded once.
 
@@ -30,23 +22,12 @@ def fma(x: float, y: float, z: float) -> float:
     return x * y + z
 
 
-@overload(fma)
-def _compiled_fma(x, y, z) -> Callable[..., float] | None:
-    if not all(isinstance(kind, types.Number) for kind in (x, y, z)):
-        return None  # `lanes.simd` has the rest
-    return lambda x, y, z: _fma(x, y, z)  # noqa: PLW0108 - numba wants a plain function
+def _preferring_widest_vectors(_context, builder, _kinds):
+    # llvmlite knows some attributes only, LLVM any in quotes.
+    set.add(builder.function.attributes, '"prefer-vector-width"="512"')
 
 
-@intrinsic
-def _prefer_widest_vectors(_context):
-    def build(context, builder, _signature, _arguments):
-        # llvmlite knows some attributes only, LLVM any in quotes.
-        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
-        return context.get_dummy_value()
-
-    return types.none(), build
-
-
+@compiled_as(types.none, _preferring_widest_vectors)
 def prefer_widest_vectors() -> None:
     """Ask for vectors of 512 bits in the kernel that calls this, where the processor has them.
 
@@ -55,30 +36,12 @@ def prefer_widest_vectors() -> None:
     """
 
 
-@overload(prefer_widest_vectors, inline="always")
-def _compiled_prefer_widest_vectors() -> Callable[..., None]:
-    return lambda: _prefer_widest_vectors()  # noqa: PLW0108 - numba wants a plain function
-
-
-@intrinsic
-def _stay_apart(_context):
-    def build(context, builder, _signature, _arguments):
-        builder.function.attributes.add("noinline")
-        return context.get_dummy_value()
-
-    return types.none(), build
-
-
+@compiled_as(types.none, lambda _context, builder, _: builder.function.attributes.add("noinline"))
 def stay_apart() -> None:
     """Keep the kernel that calls this from being inlined.
 
     Its callers may not prefer the widest vectors, and would have them cut up.
     """
-
-
-@overload(stay_apart, inline="always")
-def _compiled_stay_apart() -> Callable[..., None]:
-    return lambda: _stay_apart()  # noqa: PLW0108 - numba wants a plain function
 
 
 @kernel

@@ -5,20 +5,18 @@ is installed, but not for the lanes that fill no vector: these would be rounded 
 Polynomials without branches or calls are vectorised as they are.
 """
 
-# ruff: noqa: ARG001, PLW0108 - as in `lanes.simd`
+# ruff: noqa: PLW0108 - as in `lanes.simd`
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, overload
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, plain
-from mm_gym.compiler.llvm_code import defines
+from mm_gym.compiler.llvm_code import compiled_as, defines
 from mm_gym.lanes.arithmetic import fma, stay_apart
 from mm_gym.lanes.simd import VECTOR, alike, recast
 from mm_gym.lanes.simd_masks import where
@@ -51,33 +49,18 @@ _COSINE = tuple((0.5 * math.pi) ** (2 * k) * (-1) ** k / math.factorial(2 * k) f
 _EXPONENTIAL = tuple(1.0 / math.factorial(k) for k in range(14))
 
 
-@intrinsic
-def _reread(_context, x):
-    """Return the bits of a double as an integer, or the double of an integer's bits."""
-    types_of = {True: (types.int64, types.float64), False: (types.float64, types.int64)}
-    result, argument = types_of[isinstance(x, types.Float)]
-    kind = ir.IntType(64) if result is types.int64 else ir.DoubleType()
-
-    def build(_context, builder, _signature, arguments):
-        return builder.bitcast(arguments[0], kind)
-
-    return result(argument), build
-
-
+@compiled_as(types.int64, lambda _context, builder, _kinds, x: builder.bitcast(x, ir.IntType(64)))
 def bits_of(x: float) -> int:
     """Return the bits of a double as an integer."""
     return np.asarray(x, np.float64).view(np.int64)[()]
 
 
+@compiled_as(
+    types.float64, lambda _context, builder, _kinds, x: builder.bitcast(x, ir.DoubleType())
+)
 def double_of(x: int) -> float:
     """Return the double of these bits."""
     return np.asarray(x, np.int64).view(np.float64)[()]
-
-
-@overload(bits_of)
-@overload(double_of)
-def _compiled(x) -> Callable[..., float]:
-    return lambda x: _reread(x)
 
 
 def _integers(kind, value):

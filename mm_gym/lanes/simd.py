@@ -18,7 +18,6 @@ import numpy as np
 from llvmlite import ir
 from llvmlite.binding import get_host_cpu_features
 from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from mm_gym.compiler.llvm_code import (
@@ -179,17 +178,13 @@ def recast(build: Callable[..., Any]) -> Callable[..., Callable[..., Any]]:
     It is built as (builder, value, type of integers, type of numbers) -> value.
     """
 
-    def codegen(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        wide = signature.args[0] == VECTOR
-        whole, number = (_INTEGERS, NUMBERS) if wide else (ir.IntType(64), ir.DoubleType())
-        return build(builder, arguments[0], whole, number)
+    def built(_context: Any, builder: Any, kinds: Any, x: Any) -> Any:
+        whole, number = (
+            (_INTEGERS, NUMBERS) if kinds[0] == VECTOR else (ir.IntType(64), ir.DoubleType())
+        )
+        return build(builder, x, whole, number)
 
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        operation = intrinsic(lambda _context, x: (x(x), codegen))
-        defines(function, lambda _: True)(lambda x: operation(x))  # noqa: PLW0108 - as above
-        return function
-
-    return decorate
+    return compiled_as(None, built)
 
 
 @recast(lambda builder, x, whole, number: builder.sitofp(builder.bitcast(x, whole), number))

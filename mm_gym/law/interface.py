@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from numba import types
-from numba.extending import models, overload, register_model, typeof_impl
+from numba.extending import models, register_model, typeof_impl
 
 from mm_gym.compiler.jit import inlined_kernel
-from mm_gym.compiler.llvm_code import lower_constant
+from mm_gym.compiler.llvm_code import chooses, compiled_as, lower_constant
 from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.simd import alike
@@ -147,7 +147,7 @@ def _kernel_of(answer: Callable[[Interface], Callable[..., Any]]) -> Callable[..
     def ask(interface, p, offset, slip, own):
         return answer(interface)(p, offset, slip, own)
 
-    @overload(ask)
+    @chooses(ask)
     def _(interface, p, offset, slip, own):
         function = answer(_known[interface.name])
         return lambda interface, p, offset, slip, own: function(p, offset, slip, own)
@@ -170,7 +170,7 @@ def resolves(interface: Interface, p: Any, before: Any, after: Any, way: float) 
     return interface.resolves is None or interface.resolves(p, before, after, way)
 
 
-@overload(resolves)
+@chooses(resolves)
 def _resolves(interface, p, before, after, way):
     function = _known[interface.name].resolves
     if function is None:
@@ -178,30 +178,30 @@ def _resolves(interface, p, before, after, way):
     return lambda interface, p, before, after, way: function(p, before, after, way)
 
 
-def _constant_of(answer: Callable[[Interface], Any]) -> Callable[[Interface], Any]:
+def _constant_of(
+    kind: types.Type, answer: Callable[[Interface], Any]
+) -> Callable[[Interface], Any]:
     """Return a function of an interface whose result kernels know when they are compiled."""
 
     def ask(interface):
         return answer(interface)
 
-    @overload(ask)
-    def _(interface):
-        value = answer(_known[interface.name])
-        return lambda interface: value
+    def built(context, _builder, kinds, _interface):
+        return context.get_constant(kind, answer(_known[kinds[0].name]))
 
-    return ask
+    return compiled_as(kind, built)(ask)
 
 
-states_of = _constant_of(lambda interface: 4 + len(interface.states))
+states_of = _constant_of(types.int64, lambda interface: 4 + len(interface.states))
 """How many states a motion has: x1, x2, v1, v2, and those of the interface."""
 
-own_states_of = _constant_of(lambda interface: len(interface.states))
+own_states_of = _constant_of(types.int64, lambda interface: len(interface.states))
 """How many there are of the interface."""
 
-parameters_of = _constant_of(lambda interface: len(interface.parameters))
+parameters_of = _constant_of(types.int64, lambda interface: len(interface.parameters))
 """How many parameters an interface has."""
 
-is_line = _constant_of(lambda interface: interface is LINE)
+is_line = _constant_of(types.boolean, lambda interface: interface is LINE)
 """Whether an interface is a line in each regime."""
 
 

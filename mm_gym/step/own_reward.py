@@ -7,7 +7,9 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba import types
 
+from mm_gym.compiler.llvm_code import compiled_as, get_item_pointer
 from mm_gym.lanes import layout
 
 Compiled = Callable[..., Any]
@@ -26,16 +28,14 @@ def rewarding(cost: Compiled, rows: Sequence[tuple[int, int]]) -> Compiled:
     rows
         Of each argument the row of the lanes, and the row subtracted from it or `NO_ROW`.
     """
-    cost_of = _of_values(cost)
-    for row, subtracted in reversed(rows):
-        cost_of = _with_value(cost_of, row, subtracted)
+    shown = _reading(rows)
 
     @numba.njit(nogil=True, error_model="numpy")
     def reward(lanes, rewards, first, last):
         lost = False
         try:
             for i in range(first, last):
-                value = 0.0 - cost_of(lanes, i, ())
+                value = 0.0 - cost(*shown(lanes, i))
                 rewards[i] = value
                 lost |= not abs(value) < np.inf
         except Exception:  # noqa: BLE001 - whatever a caller's function raises
@@ -45,26 +45,28 @@ def rewarding(cost: Compiled, rows: Sequence[tuple[int, int]]) -> Compiled:
     return reward
 
 
-def _of_values(cost: Compiled) -> Compiled:
-    @numba.njit(error_model="numpy")
-    def cost_of(lanes, i, values):  # noqa: ARG001 - `_with_value` has read them
-        return cost(*values)
+def _reading(rows: Sequence[tuple[int, int]]) -> Compiled:
+    """Return a function (lanes, i) -> the arguments of the cost in lane i."""
 
-    return cost_of
+    def built(context, builder, kinds, lanes, i):
+        array = context.make_array(kinds[0])(context, builder, lanes)
 
+        def number(row):
+            place = [context.get_constant(types.intp, row), i]
+            return builder.load(get_item_pointer(context, builder, kinds[0], array, place))
 
-def _with_value(cost_of: Compiled, row: int, subtracted: int) -> Compiled:
-    """Return a function that reads one more value of a lane, for those read behind it."""
-    if subtracted == layout.NO_ROW:
+        values = [
+            number(row) if less == layout.NO_ROW else builder.fsub(number(row), number(less))
+            for row, less in rows
+        ]
+        return context.make_tuple(builder, result, values)
 
-        @numba.njit(error_model="numpy")
-        def read_row(lanes, i, values):
-            return cost_of(lanes, i, (*values, lanes[row, i]))
+    result = types.UniTuple(types.float64, len(rows))
 
-        return read_row
+    @compiled_as(result, built)
+    def shown(lanes, i):
+        return tuple(
+            lanes[row, i] - (0.0 if less == layout.NO_ROW else lanes[less, i]) for row, less in rows
+        )
 
-    @numba.njit(error_model="numpy")
-    def read_difference(lanes, i, values):
-        return cost_of(lanes, i, (*values, lanes[row, i] - lanes[subtracted, i]))
-
-    return read_difference
+    return shown
