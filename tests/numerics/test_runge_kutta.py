@@ -178,11 +178,11 @@ def test_velocities_between_the_ends_of_a_step_are_polynomials_and_so_is_what_th
         b[slots.STATE + 2 + k], b[slots.END + 2 + k] = velocity(0.0), velocity(1.0)
         kicks = slots.KICKS + k + 2 * np.arange(len(pair.times))
         b[kicks] = velocity.deriv()(pair.times)
-        powers, _ = plain(_powers)(model, b, k)
+        powers, _ = plain(_powers)(model, b, k, 1.0 / h)
         for t in (0.3, 1.0):
-            got = plain(_between)(powers, t)
-            # The way's end is met to single precision, times 60.
-            exact = 1e-14 if degree == 3 else 60.0 * float(np.finfo(np.float32).eps)
+            got = plain(_between)(model, powers, t)
+            # Ten roundings; those of the way count sixty times.
+            exact = 1e-14 if degree == 3 else 60e-14
             assert got == pytest.approx((velocity(t), velocity.integ()(t)), abs=exact)
 
 
@@ -200,11 +200,11 @@ def test_velocities_within_a_step_of_an_oscillation_are_as_exact_as_is_said(pair
             b[slots.STATE], b[slots.END] = (start / turn).real, (start * values[-1] / turn).real
             b[slots.STATE + 2], b[slots.END + 2] = start.real, (start * values[-1]).real
             b[slots.KICKS + 2 * np.arange(len(pair.times))] = (turn * start * values).real
-            powers, error = plain(_powers)(model, b, 0)
+            powers, error = plain(_powers)(model, b, 0, 1.0)
             said = max(said, error)
             for k, t in enumerate((0.25, 0.5, 0.75)):
                 exact = (start * np.exp(turn * t)).real
-                worst[k] = max(worst[k], abs(plain(_between)(powers, t)[0] - exact))
+                worst[k] = max(worst[k], abs(plain(_between)(model, powers, t)[0] - exact))
         assert worst.max() < said
         # An estimate that is much too large would repeat steps for nothing.
         assert said < 20.0 * worst.max()

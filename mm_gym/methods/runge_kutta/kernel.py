@@ -482,7 +482,7 @@ def _bend(c0, c1, c2, c3):
 
 
 @inlined_kernel
-def _powers(model, b, k):
+def _powers(model, b, k, by_h):
     """Return the velocity of mass k as coefficients of powers, and a bound of its error.
 
     It is the cubic. If a stage in between is exact to the fifth order, it is the polynomial of
@@ -493,7 +493,7 @@ def _powers(model, b, k):
     change = c3 - c0
     d2, d3 = fma(3.0, change, -fma(2.0, d1, b[last])), fma(-2.0, change, d1 + b[last])
     way = fma(0.25, d3, fma(1.0 / 3.0, d2, fma(0.5, d1, c0)))
-    astray = rough_quotient(fma(-h, way, b[slots.END + k] - b[slots.STATE + k]), h)
+    astray = fma(by_h, b[slots.END + k] - b[slots.STATE + k], -way)
     part = REMAINDER * model[slots.BEND] * (h * h)
     if not model[slots.IS_COMBINED] > 0.0:
         bend = (1.0 / 3.0) * (abs(d2) + abs(fma(3.0, d3, d2)))
@@ -509,12 +509,15 @@ def _powers(model, b, k):
 
 
 @inlined_kernel
-def _between(powers, t):
+def _between(model, powers, t):
     """Return such a polynomial and its integral at a part t of the step."""
     d0, d1, d2, d3, d4, d5 = powers
-    value = fma(fma(fma(fma(fma(d5, t, d4), t, d3), t, d2), t, d1), t, d0)
-    way = fma(fma(fma(d5 * (1.0 / 6.0), t, d4 * 0.2), t, 0.25 * d3), t, d2 * (1.0 / 3.0))
-    return value, t * fma(fma(way, t, 0.5 * d1), t, d0)
+    last, way = d3, 0.25 * d3
+    if model[slots.IS_COMBINED] > 0.0:  # else d4 and d5 are 0
+        last = fma(fma(d5, t, d4), t, d3)
+        way = fma(fma(d5 * (1.0 / 6.0), t, d4 * 0.2), t, way)
+    value = fma(fma(fma(last, t, d2), t, d1), t, d0)
+    return value, t * fma(fma(fma(way, t, d2 * (1.0 / 3.0)), t, 0.5 * d1), t, d0)
 
 
 @borrowing_kernel
@@ -549,9 +552,10 @@ def _judge(model, b):
     rise, square = d1 > 0.0, g3 - g0 - d1
     wide = rough_root(larger(fma(d1, d1, -4.0 * g0 * square), zero))
     t = rough_quotient(where(rise, d1 + wide, g0 + g0), where(rise, -2.0 * square, wide - d1))
-    slope = fma(fma(3.0 * d3, t, 2.0 * d2), t, d1)
-    following = t - rough_quotient(fma(fma(fma(d3, t, d2), t, d1), t, g0), slope)
-    t = where((following > 0.0) & (following < 1.0), following, t)
+    for _ in range(1 if model[slots.IS_COMBINED] > 0.0 else 2):
+        slope = fma(fma(3.0 * d3, t, 2.0 * d2), t, d1)
+        following = t - rough_quotient(fma(fma(fma(d3, t, d2), t, d1), t, g0), slope)
+        t = where((following > 0.0) & (following < 1.0), following, t)
     b[slots.SIDE], b[slots.TIME] = side, where(leaves, t, 0.5)
 
 
@@ -596,18 +600,20 @@ def _follow(model, b):
 def _cut(model, b, leaves):
     """End steps where they leave their regime, if the velocities are known well enough there."""
     h, time, side = b[slots.LENGTH], b[slots.TIME], b[slots.SIDE]
-    first, error1 = _powers(model, b, 0)
-    second, error2 = _powers(model, b, 1)
+    by_h = 1.0 / h
+    first, error1 = _powers(model, b, 0, by_h)
+    second, error2 = _powers(model, b, 1, by_h)
     error = larger(error1, error2)
     (p0, p1, p2, p3, p4, p5), (q0, q1, q2, q3, q4, q5) = first, second
-    d1, d2, d3, d4, d5 = q1 - p1, q2 - p2, q3 - p3, q4 - p4, q5 - p5
-    slip = fma(fma(fma(fma(fma(d5, time, d4), time, d3), time, d2), time, d1), time, q0 - p0)
-    rate = fma(5.0 * d5, time, 4.0 * d4)
-    rate = fma(fma(fma(rate, time, 3.0 * d3), time, 2.0 * d2), time, d1)
-    following = time - rough_quotient(fma(-side, b[slots.VR], slip), rate)
-    time = where((following > 0.0) & (following < 1.0), following, time)
-    v1, way1 = _between(first, time)
-    v2, way2 = _between(second, time)
+    if model[slots.IS_COMBINED] > 0.0:  # the time is that of the cubic
+        d1, d2, d3, d4, d5 = q1 - p1, q2 - p2, q3 - p3, q4 - p4, q5 - p5
+        slip = fma(fma(fma(fma(fma(d5, time, d4), time, d3), time, d2), time, d1), time, q0 - p0)
+        rate = fma(5.0 * d5, time, 4.0 * d4)
+        rate = fma(fma(fma(rate, time, 3.0 * d3), time, 2.0 * d2), time, d1)
+        following = time - rough_quotient(fma(-side, b[slots.VR], slip), rate)
+        time = where((following > 0.0) & (following < 1.0), following, time)
+    v1, way1 = _between(model, first, time)
+    v2, way2 = _between(model, second, time)
     near = 4.0 * time * (1.0 - time)  # both ends are exact, and the slopes there
     missed = abs(fma(side, b[slots.VR], v1 - v2))
     missed = fma(near * near, error, missed)
