@@ -30,6 +30,13 @@ DRAWN = PUSHED.replace(
         "springs.stiffness": (20.0, 70.0),
     }
 )
+MASS_DRAWN = Scene(
+    interface={"kind": "viscous"},
+    springs={"kind": "small_on_large"},
+    actuation={"force": {"limit": 2.0}},
+    randomization={"carriage.mass": (0.05, 0.2)},
+    control={"time_step": 4e-3},  # of degree 5 at 1e-3
+)
 NOISE = {"kind": "noise", "rms": 1.0, "high_frequency": 60.0, "sample_time": 0.005}
 SWAY = {"kind": "harmonic", "target": "ground", "amplitude": 3.0, "frequency": 50.0, "phase": 1.0}
 SCENES = {
@@ -37,6 +44,7 @@ SCENES = {
     "impulses": SHOCK,
     "pushed": PUSHED,
     "all parameters drawn": DRAWN,
+    "carriage's mass drawn": MASS_DRAWN,
     "noise": DRAWN.replace(excitation=[NOISE, NOISE | {"target": "ground"}]),
     "harmonic of the ground": PRE_STRETCH.replace(randomization={}, excitation=[SWAY]),
     "all at once": DRAWN.replace(excitation=[SWAY, SWAY | {"target": "force"}, NOISE]),
@@ -85,6 +93,28 @@ def test_error_falls_with_the_degree_as_the_first_term_left_out(name: str) -> No
     # step over n; slow motions have less.
     assert (ratios < 0.1**2 / np.array([4.0 * 5.0, 5.0 * 6.0])).all()
     assert (ratios > 0.001**2).all()
+
+
+@pytest.mark.parametrize("degree", kernel.SHORT)
+@pytest.mark.parametrize("between", ["ground", "masses"])
+def test_a_loop_of_few_terms_moves_lanes_as_that_of_any_degree_does(
+    degree: int, between: str
+) -> None:
+    scene = MASS_DRAWN.replace(**{"actuation.force.between": between})
+    plant, ends = compile_scene(_as_series(scene, 1e-3)), []
+    for varies in (True, False):  # of the sphere's mass; lanes that differ in it too have no loop
+        lanes = Lanes(plant, 2 * LANES + 5)
+        lanes.seed(2)
+        lanes.restart()
+        lanes.values[layout.FORCE] = 2.0
+        lanes.values[layout.V1], lanes.values[layout.V2] = 0.5, -0.3
+        model = plant.model.copy()
+        model[kernel.DEGREE], model[kernel.VARIES + 1] = degree, varies
+        lanes.raise_for(plant.method.entries.propagate(model, lanes.values, 0, 2 * LANES + 5))
+        ends.append(lanes.values[:4].copy())
+    # Twice the sums of a dozen products, each rounded to 2^-53.
+    np.testing.assert_allclose(ends[1] / SCALE[:, None], ends[0] / SCALE[:, None], atol=1e-14)
+    assert (ends[1] != ends[0]).any()  # they did take turns
 
 
 @pytest.mark.parametrize("name", list(SCENES))

@@ -31,8 +31,12 @@ MOST = 48
 """More than the degree of any series: with a phase of 2, 25 are enough, and one more for each term
 of a jet behind the first."""
 
+SHORT = (4, 5)
+"""Degrees that have a loop of their own: those of most scenes at tolerances of 1e-2 and 1e-3."""
+
 # Slots of the model. For each group of rows, which together are one number of a lane, there is one
-# that says whether lanes have values of their own; and 1 / n!.
+# that says whether lanes have values of their own; 1 / n!, and
+# a piece's n-th power in seconds over n!.
 DEGREE, PIECES, VARIES = (layout.MODEL_OWN + i for i in range(3))
 GROUPS = (
     (layout.M1,),
@@ -43,7 +47,8 @@ GROUPS = (
     (layout.K0, layout.STRETCH),
 )
 WEIGHTS = VARIES + len(GROUPS)
-END = WEIGHTS + MOST + 2
+POWERS = WEIGHTS + MOST + 2
+END = POWERS + MOST + 2
 
 # Rows of b: the series of the force on the carriage over m1 and of the ground's acceleration; then
 # cosine and sine of each harmonic, and the jets as coefficients of (t / piece)^n.
@@ -87,10 +92,10 @@ def _move_freely(model, plan, lanes, b, p, i, count):  # noqa: ARG001 - as of `_
     g, _, pair, held, y = _begin(model, lanes, piece, p, i, count)
     for _ in range(pieces):
         z, _ = derivative(g, y, held, pair)
-        y = _add(model, 0, _drifted(y), z)
+        y = _add(model, WEIGHTS, 0, _drifted(y), z)
         for n in range(1, degree):
             z, _ = derivative(g, z, 0.0, 0.0)
-            y = _add(model, n, y, z)
+            y = _add(model, WEIGHTS, n, y, z)
     _write(lanes, by_piece, y, i, count)
 
 
@@ -127,13 +132,13 @@ def _move(model, plan, lanes, b, p, i, count):
                 z = z[0], z[1], z[2] - ground, z[3]
             else:
                 z, _ = derivative(g, z, push, inner)
-            y = _add(model, n, y, z)
+            y = _add(model, WEIGHTS, n, y, z)
             if b is None and is_swung:
                 cosine, sine = -turn * sine, turn * cosine
             push, inner = sine, zero
         for n in range(driven, degree):
             z, _ = derivative(g, z, 0.0, 0.0)
-            y = _add(model, n, y, z)
+            y = _add(model, WEIGHTS, n, y, z)
         if b is not None and k < pieces - 1:
             continue_drive(model, lanes, b, piece, degree, i, count)
     _write(lanes, by_piece, y, i, count)
@@ -168,12 +173,68 @@ def _write(lanes, by_piece, y, i, count):
 _FREELY, _EXCITED = _over_groups(_move_freely), _over_groups(_move)
 
 
+def _few_terms(degree: int, otherwise: Callable[..., None]) -> Callable[..., None]:
+    """Return a kernel for series of a degree, of lanes of which the carriage's mass alone varies.
+
+    The compiler writes out its terms, and keeps what the lanes share in registers. `otherwise` is
+    for other degrees.
+    """
+
+    @borrowing_kernel
+    def move(model, lanes, first, last):
+        prefer_widest_vectors()
+        stay_apart()
+        time, by_m2 = model[layout.SAMPLE_INTERVAL], 1.0 / lanes[layout.M2, first]
+        k1 = lanes[layout.K1, first] * lanes[layout.ALPHA, first]
+        k2 = stiffness(lanes[layout.K0, first], lanes[layout.STRETCH, first])
+        d, c = lanes[layout.D, first], lanes[layout.C, first]
+        x1s, x2s = lanes[layout.X1, first:last], lanes[layout.X2, first:last]
+        v1s, v2s = lanes[layout.V1, first:last], lanes[layout.V2, first:last]
+        forces, masses = lanes[layout.FORCE, first:last], lanes[layout.M1, first:last]
+        for i in range(last - first):
+            m1, x1, v1 = masses[i], x1s[i], v1s[i]
+            by_m1, offset, w = 1.0 / m1, x2s[i] - x1, v2s[i] - v1
+            g = by_m1 * k1, by_m1 * d, by_m1 * c, by_m1 * k2, m1 * by_m2
+            pair, held = control_forces(model, by_m1 * forces[i])
+            z, _ = derivative(g, (x1, offset, v1, w), held, pair)
+            y = fma(time, v1, x1), fma(time, w, offset), v1, w
+            y = _add(model, POWERS, 0, y, z)
+            for n in range(1, degree):
+                z, _ = derivative(g, z, 0.0, 0.0)
+                y = _add(model, POWERS, n, y, z)
+            x1s[i], x2s[i], v1s[i], v2s[i] = y[0], y[0] + y[1], y[2], y[2] + y[3]
+
+    @borrowing_kernel
+    def move_if_few(model, lanes, b, first, last):
+        if model[DEGREE] == degree:
+            move(model, lanes, first, last)
+        else:
+            otherwise(model, lanes, b, first, last)
+
+    return move_if_few
+
+
+_FEW = _FREELY
+for _degree in SHORT:
+    _FEW = _few_terms(_degree, _FEW)
+
+
+@inlined_kernel
+def _may_be_few(model):
+    """Tell whether the lanes differ in the carriage's mass at most, and have one piece."""
+    _, m2, k1, d, c, k2 = _varies(model)
+    return model[PIECES] == 1.0 and not (m2 or k1 or d or c or k2)
+
+
 @kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
     is_alone = model[layout.HARMONIC_COUNT] <= 1.0 and model[layout.GROUND] == 0.0
     if not is_excited(model):
-        _FREELY(model, lanes, None, first, last)
+        if _may_be_few(model):
+            _FEW(model, lanes, None, first, last)
+        else:
+            _FREELY(model, lanes, None, first, last)
     elif model[PIECES] == 1.0 and is_alone:
         _EXCITED(model, lanes, None, first, last)
     else:
@@ -183,12 +244,12 @@ def propagate(model, lanes, first, last):
 
 
 @inlined_kernel
-def _add(model, n, y, z):
+def _add(model, weights, n, y, z):
     """Return the state with what its derivative n + 1 adds to velocities, and to positions.
 
     Of positions that is the term of order n + 2, which takes no other derivative.
     """
-    faster, further = model[WEIGHTS + n + 1], model[WEIGHTS + n + 2]
+    faster, further = model[weights + n + 1], model[weights + n + 2]
     return (
         fma(further, z[2], y[0]),
         fma(further, z[3], y[1]),

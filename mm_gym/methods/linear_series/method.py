@@ -125,7 +125,10 @@ def _model(support: Support, degree_of_piece: Callable[[float, float], int]) -> 
     model[kernel.PIECES], model[kernel.DEGREE] = pieces, terms
     varies = [not all(map(support.fixed, rows)) for rows in kernel.GROUPS]
     model[kernel.VARIES : kernel.WEIGHTS] = varies
-    model[kernel.WEIGHTS : kernel.END] = [1.0 / math.factorial(n) for n in range(kernel.MOST + 2)]
+    weights = np.array([1.0 / math.factorial(n) for n in range(kernel.MOST + 2)])
+    model[kernel.WEIGHTS : kernel.POWERS] = weights
+    piece = support.sample_interval / pieces
+    model[kernel.POWERS : kernel.END] = weights * piece ** np.arange(kernel.MOST + 2.0)
     return model
 
 
