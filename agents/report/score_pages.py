@@ -18,7 +18,6 @@ from agents.report.pages import render
 from mm_gym import Scene, compile_scene, load_scene, over_rigs
 from mm_gym.files import read_text
 from mm_gym.scene import Part
-from mm_gym.step.channels import CHANNELS
 from mm_gym.tasks import ids, path_of, robust_ids, short_name
 
 Row = Mapping[str, Any]
@@ -140,13 +139,14 @@ def _unit(part: Part, name: str) -> str:
 def _drawn(scene: Scene, values: Mapping[str, object]) -> list[list[str]]:
     """Return field, unit and ends of each range among the values of fields."""
     rows: list[list[str]] = []
+    channels = {channel.name: channel.unit for channel in compile_scene(scene).observed}
     ranges = {name: ends for name, ends in values.items() if isinstance(ends, tuple)}
     for name, ends in ranges.items():
         owner: Any = scene
         *path, field = name.split(".")
         for word in path:
             owner = owner[int(word)] if word.isdigit() else getattr(owner, word)
-        unit = _unit(owner, field).strip() if isinstance(owner, Part) else CHANNELS[field].unit
+        unit = _unit(owner, field).strip() if isinstance(owner, Part) else channels[field]
         rows.append([f"`{name}`", unit or "-", *(f"{end:.6g}" for end in ends)])
     return rows
 
