@@ -36,11 +36,8 @@ def sticks_throughout(p):
 @kernel
 def _follow(p, regimes):
     """Follow a motion until it sticks for good, or with one regime slips: that, offset, status."""
-    k2, m1, m2 = (
-        stiffness(p[layout.K0], p[layout.STRETCH]),
-        piecewise.carriage_mass(p),
-        p[layout.M2],
-    )
+    k2 = stiffness(p[layout.K0], p[layout.STRETCH])
+    m1, m2 = piecewise.carriage_mass(p), p[layout.M2]
     vr, size = p[layout.VR], piecewise.size_of(0, 0)
     step = BLOCK_PHASE / math.sqrt(p[layout.K1] * p[layout.ALPHA] / m1 + k2 * (1.0 / m1 + 1.0 / m2))
     depth = max(piecewise.FINEST, precise.halvings(piecewise.fastest_rate(p, k2, 0, 0, 1.0) * step))

@@ -27,17 +27,13 @@ def rotate(model, lanes, interval, first, last):
         harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
         for i in span(first, last):
             c, s = lanes[harmonic + layout.COSINE, i], lanes[harmonic + layout.SINE, i]
-            rc, rs = (
-                lanes[harmonic + layout.ROTATE_COSINE, i],
-                lanes[harmonic + layout.ROTATE_SINE, i],
-            )
+            rc = lanes[harmonic + layout.ROTATE_COSINE, i]
+            rs = lanes[harmonic + layout.ROTATE_SINE, i]
             cosine, sine = fma(c, rc, -s * rs), fma(s, rc, c * rs)
             # One Newton step towards length 1, or round-off would add up in the amplitude.
             norm = fma(-0.5, fma(cosine, cosine, sine * sine), 1.5)
-            lanes[harmonic + layout.COSINE, i], lanes[harmonic + layout.SINE, i] = (
-                cosine * norm,
-                sine * norm,
-            )
+            lanes[harmonic + layout.COSINE, i] = cosine * norm
+            lanes[harmonic + layout.SINE, i] = sine * norm
     if harmonics > 0:
         made = lanes[layout.NOW, first] * model[layout.INTERVALS] + interval + 1.0
         some_due = False

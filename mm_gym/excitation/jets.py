@@ -59,10 +59,8 @@ def write_series(c, width, model, lanes, i, elapsed, duration, degree):
     add_jets(of_force, of_ground, model, lanes, i, elapsed, duration, degree)
     for j in range(harmonics):
         harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
-        amplitude, frequency = (
-            lanes[harmonic + layout.AMPLITUDE, i],
-            lanes[harmonic + layout.FREQUENCY, i],
-        )
+        amplitude = lanes[harmonic + layout.AMPLITUDE, i]
+        frequency = lanes[harmonic + layout.FREQUENCY, i]
         phase = lanes[harmonic + layout.COSINE, i], lanes[harmonic + layout.SINE, i]
         wave = amplitude, frequency, phase[0], phase[1]
         series = of_ground if (ground >> j) & 1 else of_force

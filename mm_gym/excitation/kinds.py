@@ -68,11 +68,8 @@ def excited(model):
 @kernel
 def begin_excitation(model, lanes, streams, which, first, last):
     """Prepare the excitation of new episodes; the jets hold its values at their start."""
-    base, jets, terms = (
-        int(model[layout.EXCITATION]),
-        int(model[layout.JETS]),
-        int(model[layout.TERMS]),
-    )
+    base = int(model[layout.EXCITATION])
+    jets, terms = int(model[layout.JETS]), int(model[layout.TERMS])
     own = which[place_of(first, which) : place_of(last, which)]
     for row in range(jets, jets + 2 * terms):
         set_row(lanes, row, 0.0, own)

@@ -63,10 +63,8 @@ def load_sources(model, lanes, i, count, b, first):
     for n in range(terms):
         b[first + n] = read(lanes, int(model[layout.JETS]) + n, i, count)
     for j in range(int(model[layout.HARMONIC_COUNT])):
-        row, harmonic = (
-            first + terms + ROWS_OF_HARMONIC * j,
-            layout.HARMONICS + layout.HARMONIC_ROWS * j,
-        )
+        row = first + terms + ROWS_OF_HARMONIC * j
+        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
         b[row] = read(lanes, harmonic + layout.AMPLITUDE, i, count)
         b[row + 1] = read(lanes, harmonic + layout.FREQUENCY, i, count)
         b[row + 2] = read(lanes, harmonic + layout.COSINE, i, count)

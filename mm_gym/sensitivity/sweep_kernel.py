@@ -131,10 +131,8 @@ def _linearise(motion, actuators, step, m, lane):
             step[row, column] = motion[m, row, column, lane]
         for j in range(n - s):
             through = motion[m, row, s + j, lane]
-            step[row, s + j], step[row, n + j] = (
-                through * actuators[2, j],
-                through * actuators[3, j],
-            )
+            step[row, s + j] = through * actuators[2, j]
+            step[row, n + j] = through * actuators[3, j]
     for j in range(n - s):
         step[s + j, s + j], step[s + j, n + j] = actuators[2, j], actuators[3, j]
 
