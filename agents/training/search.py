@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar
@@ -174,6 +175,8 @@ class Search(ABC):
             began_as=self.began_as,
         )
         if self.settings.scene is not None:
+            if bar:  # the search seems to hang otherwise
+                tqdm.write("compares with the classical controllers, for minutes", sys.stderr)
             best = best_controller(self.scene, worst=self.worst)
             ending.controller, ending.controller_cost = best
         if ending.is_worse:

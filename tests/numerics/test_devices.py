@@ -1,6 +1,5 @@
 """Do scenes with devices keep their bounds, alone and in all combinations?"""
 
-import math
 from itertools import product
 
 import numpy as np
@@ -13,7 +12,7 @@ from mm_gym.law import INTERFACES
 from mm_gym.law.hardening_springs import LINES, with_hardening_springs
 from mm_gym.simulation.lanes import Lanes
 
-from .bounds import BALANCED, imbalance_of, outcome
+from .bounds import imbalance_of, outcome
 from .random_scenes import DEVICES, random_plant
 
 VALUED = LINES | INTERFACES
@@ -23,20 +22,20 @@ NOISE = {"kind": "noise", "rms": 1.0, "high_frequency": 60.0}
 def exceeding(seeds, folder):
     """Return outcomes beyond their bound, or whose energy does not balance."""
     found = [outcome(seed, folder) for seed in seeds]
-    balanced = [one for one in found if one.seed % BALANCED == 0 and not math.isnan(one.imbalance)]
-    assert len(balanced) > 0.1 * len(found)
-    return [one for one in found if not one.excess <= 1.0 or one.imbalance > 1e-9]
+    return [one for one in found if not (one.excess <= 1.0 and one.imbalance <= 1e-9)]
 
 
 def test_random_scenes_with_devices_keep_their_bounds(tmp_path):
     assert exceeding(range(DEVICES, DEVICES + 50), tmp_path) == []
 
 
-@pytest.mark.parametrize("seed", [1708, 1320])
+@pytest.mark.filterwarnings("ignore:solver.tolerance has no effect")
+@pytest.mark.parametrize("seed", [1708, 1320, 424, 1728, 2472])
 def test_energy_balances_where_the_device_is_fast_in_a_long_step(tmp_path, seed):
     """It was off by up to 3e-9 at kinks, and by 8e-8 where own states relax from a start.
 
-    The first had ten panels of quadrature in an interval, the second equal ones.
+    The first had ten panels of quadrature in an interval, the second equal ones. In the next two
+    the exact forms find no end of the changes of regime; the last has no plan at 1e-11.
     """
     scene, _ = random_plant(DEVICES + seed, tmp_path)
     assert imbalance_of(scene, np.random.default_rng([DEVICES + seed, 2])) <= 1e-9

@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring, springs
 from mm_gym.simulation.energy import quadrature, rate_kernel
@@ -196,17 +195,16 @@ def _integrate(recording: Recording, start: tuple[Array, ...], duration: float) 
     """Return energies (k, 2) from states, what is applied, jets over the duration, and times."""
     if recording.plant.support.is_general:
         return quadrature.integrals(recording, start, duration)
-    p = recording.parameters
+    p, applied = recording.parameters, start[1]
     nonlinear = p[layout.BETA] != 0.0 or p[layout.L0] > 0.0
-    # The exact forms bound the motion between kinks by an energy, which has no lower bound here.
-    unbounded = p[layout.ALPHA] < 0.0 and p[layout.VR] > 0.0
+    # The exact forms bound the motion between kinks by an energy, which has no lower bound where
+    # alpha < 0; and they pay only where many intervals share them.
+    varies = len(np.unique(applied[:, 1:], axis=0)) > 1
+    by_series = nonlinear or (p[layout.VR] > 0.0 and (p[layout.ALPHA] < 0.0 or varies))
     # At a corner of a record the energy rate has a kink: series, whose pieces begin there.
-    if nonlinear or unbounded or stops_at_corners(recording.plant):
-        return quadrature.integrals_by_series(recording, start, duration)
-    work, model = np.zeros((len(start[0]), 2)), recording.plant.model[: layout.MODEL_OWN].copy()
-    model[layout.SAMPLE_INTERVAL] = duration
-    status = rate_kernel.step_integrals(p, model, *start, duration, work)
-    if status > layout.ENDED:
-        msg = f"work: {layout.MESSAGES[status]}"
-        raise SimulationError(msg)
-    return work
+    if not (by_series or stops_at_corners(recording.plant)):
+        work, model = np.zeros((len(applied), 2)), recording.plant.model[: layout.MODEL_OWN].copy()
+        model[layout.SAMPLE_INTERVAL] = duration
+        if rate_kernel.step_integrals(p, model, *start, duration, work) == layout.OK:
+            return work
+    return quadrature.integrals_by_series(recording, start, duration)
