@@ -510,7 +510,7 @@ def test_grid_that_falls_is_refused(reverse, tmp_path):
     arrays = policy_files.read(path)
     arrays[reverse] = arrays[reverse][::-1]
     policy_files.write(path, arrays)
-    with pytest.raises(PolicyError, match="allowed: numbers that rise"):
+    with pytest.raises(PolicyError, match="allowed: numbers that increase"):
         load_policy(path)
 
 

@@ -19,7 +19,7 @@ NO_RESULT = {
     "reads more than an agent": "says what a colour is",
     "cost less than the reference controller in": "says what a cell is",
     "fewer than seeds": "precedes a list from data",
-    "Costs above twice that are left out": "says what a figure leaves out",
+    "Costs above twice that cost are left out": "says what a figure leaves out",
     "from -0.01 to 0.01": "says between which points a slope is taken",
     "agent, half the scale": "the same, in a cell",
     "no better than the best constant": "a sentence that costs choose",

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "structures.md").read_text("utf-8")
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-SHOWN = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)
+SHOWN = re.findall(r"```(?:text|none)\n(.*?)```", PAGE, re.DOTALL)
 
 
 def record():
