@@ -26,7 +26,7 @@ def exceeding(seeds, folder):
 
 
 def test_random_scenes_with_devices_keep_their_bounds(tmp_path):
-    assert exceeding(range(DEVICES, DEVICES + 50), tmp_path) == []
+    assert exceeding(range(DEVICES, DEVICES + 20), tmp_path) == []
 
 
 @pytest.mark.filterwarnings("ignore:solver.tolerance has no effect")
@@ -43,7 +43,7 @@ def test_energy_balances_where_the_device_is_fast_in_a_long_step(tmp_path, seed)
 
 @pytest.mark.slow
 def test_thousands_of_random_scenes_with_devices_keep_their_bounds(tmp_path):
-    assert exceeding(range(DEVICES + 50, DEVICES + 3000), tmp_path) == []
+    assert exceeding(range(DEVICES + 20, DEVICES + 3000), tmp_path) == []
 
 
 def parameters_of(interface, rng):
