@@ -104,7 +104,7 @@ def _searched(file: Path, what: str, seconds: float) -> dict[str, float] | None:
 def table(rows: dict[str, dict[str, Any]]) -> str:
     """Return the table of the costs in Markdown."""
     lines = [
-        "| structure | no control | best controller | | evolved | gradient | PPO | s of each |",
+        "| structure | no control | best controller | name | evolved | gradient | PPO | time [s] |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for name, row in sorted(rows.items()):

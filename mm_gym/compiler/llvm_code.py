@@ -1,7 +1,7 @@
 """Functions and types of kernels, written in LLVM's instructions.
 
 The helpers that are imported here are those that numba's guide to extensions takes from private
-modules.
+modules, and those by which numba's own `intrinsic` and `overload` make a function known.
 """
 
 # ruff: noqa: ANN401 - LLVM's values have no types here
