@@ -35,8 +35,7 @@ SHORT = (4, 5)
 """Degrees that have a loop of their own: those of most scenes at tolerances of 1e-2 and 1e-3."""
 
 # Slots of the model. For each group of rows, which together are one number of a lane, there is one
-# that says whether lanes have values of their own; 1 / n!, and
-# a piece's n-th power in seconds over n!.
+# that says whether lanes have values of their own; 1 / n!, and a piece's n-th power [s^n] over n!.
 DEGREE, PIECES, VARIES = (layout.MODEL_OWN + i for i in range(3))
 GROUPS = (
     (layout.M1,),
