@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numba
@@ -28,7 +29,7 @@ def rewarding(cost: Compiled, rows: Sequence[tuple[int, int]]) -> Compiled:
     rows
         Of each argument the row of the lanes, and the row subtracted from it or `NO_ROW`.
     """
-    shown = _reading(rows)
+    shown = _reading(tuple(rows))
 
     @numba.njit(nogil=True, error_model="numpy")
     def reward(lanes, rewards, first, last):
@@ -45,7 +46,8 @@ def rewarding(cost: Compiled, rows: Sequence[tuple[int, int]]) -> Compiled:
     return reward
 
 
-def _reading(rows: Sequence[tuple[int, int]]) -> Compiled:
+@cache  # the compiler never forgets an instruction
+def _reading(rows: tuple[tuple[int, int], ...]) -> Compiled:
     """Return a function (lanes, i) -> the arguments of the cost in lane i."""
 
     def built(context, builder, kinds, lanes, i):
