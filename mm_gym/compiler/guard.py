@@ -12,6 +12,9 @@ import numba
 OLDEST, NEWEST = (0, 62), (0, 68)
 """Versions of numba that `make test-numba` runs with; those between have been tested too."""
 
+INSTALL = f"install numba>={OLDEST[0]}.{OLDEST[1]},<{NEWEST[0]}.{NEWEST[1] + 1}"
+"""How messages on a numba that is not one of them end."""
+
 USED_LATER = (
     "numba.core.bytecode:FunctionIdentity._unique_ids",
     "numba.core.caching:IndexDataCacheFile",
@@ -45,4 +48,9 @@ def dispatchers() -> tuple[Any, str | None]:
             resolve_name(name)
         return import_module("mm_gym.compiler.dispatcher"), None
     except (ImportError, AttributeError) as error:
-        return None, f"numba {numba.__version__} lacks a private name: {error}"
+        return None, lacks(error)
+
+
+def lacks(error: Exception) -> str:
+    """Return what stands against a numba in which a private name was looked for in vain."""
+    return f"numba {numba.__version__} lacks a private name: {error}"

@@ -12,12 +12,14 @@ import warnings
 from collections.abc import Callable
 from functools import cache
 from types import CellType, FunctionType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numba
-from numba.core.compiler import CompileResult
 
-from mm_gym.compiler.guard import NEWEST, OLDEST, dispatchers
+from mm_gym.compiler.guard import INSTALL, dispatchers
+
+if TYPE_CHECKING:
+    from numba.core.compiler import CompileResult
 
 COMPILED = not numba.config.DISABLE_JIT
 """Whether kernels are compiled, or run as plain Python for a debugger: NUMBA_DISABLE_JIT=1."""
@@ -31,8 +33,7 @@ LINKED = _dispatchers is not None
 if OBSTACLE is not None:
     warnings.warn(
         f"{OBSTACLE}; each process compiles its kernels anew, which takes a minute or more, runs "
-        "them in one thread, and steps a single environment more slowly; install "
-        f"numba>={OLDEST[0]}.{OLDEST[1]},<{NEWEST[0]}.{NEWEST[1] + 1}",
+        f"them in one thread, and steps a single environment more slowly; {INSTALL}",
         RuntimeWarning,
         stacklevel=2,
     )

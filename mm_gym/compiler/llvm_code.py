@@ -14,18 +14,24 @@ from inspect import Parameter, Signature, signature
 from typing import Any
 
 from numba import types
-from numba.core.cgutils import (
-    alloca_once,
-    get_item_pointer,
-    get_or_insert_function,
-    intp_t,
-    unpack_tuple,
-)
-from numba.core.imputils import lower_constant
-from numba.core.typing.templates import AbstractTemplate, infer_global, make_intrinsic_template
 from numba.extending import intrinsic, models, register_model
 
+from mm_gym.compiler.guard import INSTALL, lacks
 from mm_gym.compiler.jit import inlined_kernel
+
+try:
+    from numba.core.cgutils import (
+        alloca_once,
+        get_item_pointer,
+        get_or_insert_function,
+        intp_t,
+        unpack_tuple,
+    )
+    from numba.core.imputils import lower_constant
+    from numba.core.typing.templates import AbstractTemplate, infer_global, make_intrinsic_template
+except ImportError as error:  # kernels cannot be written without them
+    msg = f"{lacks(error)}; {INSTALL}"
+    raise ImportError(msg) from error
 
 __all__ = [
     "alloca_once",

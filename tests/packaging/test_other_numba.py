@@ -1,6 +1,7 @@
 """Numba's private names: who imports them, what is changed in them, and what runs without them."""
 
 import ast
+import re
 import tomllib
 from pathlib import Path
 
@@ -175,6 +176,21 @@ def test_without_a_private_name_kernels_compile_after_one_warning(tmp_path, chan
     assert value == "0.5"
     assert " lacks a private name: " in warning
     assert warning.endswith(COST)
+
+
+INDISPENSABLE = {
+    "a function": "del numba.core.typing.templates.make_intrinsic_template",
+    "a module": "sys.modules['numba.core.cgutils'] = None",
+}
+
+
+@pytest.mark.parametrize("change", INDISPENSABLE.values(), ids=INDISPENSABLE)
+def test_without_what_kernels_are_written_with_a_sentence_names_the_versions(tmp_path, change):
+    program = "import sys, numba.core.typing.templates\n" + change + "\nimport mm_gym.lanes.simd"
+    _, err = start(program, folder=tmp_path).communicate()
+    name = change.rsplit(".", 1)[-1].split("'")[0]
+    reason = rf"numba \S+ lacks a private name: .*{name}.*; install numba>=0\.62,<0\.69"
+    assert re.fullmatch(f"ImportError: {reason}", err.splitlines()[-1])
 
 
 MOTION = """
