@@ -1,18 +1,13 @@
 """The one loop over episodes: a controller in every lane, until all episodes have ended."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller, Values
-    from mm_gym import MovingMassVectorEnv
+from agents.control.controller import Controller, Values
+from mm_gym import MovingMassVectorEnv
 
 
 class Step(NamedTuple):

@@ -14,7 +14,7 @@ from mm_gym.analysis import spring_energy
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Controller, Reads
+    from agents.control.controller import Controller, Reads
     from mm_gym import Scene
 
     Values = NDArray[np.float64]

@@ -19,7 +19,7 @@ from typing import Annotated
 
 import tyro
 
-from agents.controllers.controller import Controller
+from agents.control.controller import Controller
 from agents.controllers.tuned import NOT_SCORED, baselines
 from agents.controllers.user_defined import user_defined
 from agents.errors import command

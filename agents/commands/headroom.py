@@ -21,7 +21,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller
+from agents.control.controller import Controller
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import (

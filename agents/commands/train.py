@@ -10,7 +10,7 @@ More ``--steps`` extend a finished run. The run keeps the policy of the least va
 from collections.abc import Sequence
 
 from agents.commands.evaluate import SINGLE, report_run
-from agents.controllers.controller import Controller
+from agents.control.controller import Controller
 from agents.errors import command
 from agents.training.config import TrainSettings
 from agents.training.ending import notes_of

@@ -1,1 +1,1 @@
-"""Classical control laws, one a module, and the protocol that all controllers follow."""
+"""Classical controllers, one a module, each with its entry for tables and commands."""

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from agents.controllers.controller import Acted, Law, Memory, Values, chosen
-from agents.controllers.disturbance import covariance
-from agents.controllers.feedback import Feedback
+from agents.control.controller import Acted, Law, Memory, Values, chosen
+from agents.control.disturbance import covariance
+from agents.control.feedback import Feedback
+from agents.control.observed_state import missed_covariance
+from agents.control.scene import drawn_but, nominal, plant_of
 from agents.controllers.gain_scheduling import Schedule
-from agents.controllers.observed_state import missed_covariance
 from agents.controllers.registry import Entry, without_weight
-from agents.controllers.scene import drawn_but, nominal, plant_of
 from agents.controllers.searched import DECADES, searched
 from mm_gym import Scene
 

@@ -6,12 +6,12 @@ from functools import partial
 import control
 import numpy as np
 
-from agents.controllers.actuators import Command, Lead, require_stable_rest
-from agents.controllers.controller import Acted, Law, Memory, Values
-from agents.controllers.feedback import Both, Feedback
+from agents.control.actuators import Command, Lead, require_stable_rest
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.feedback import Both, Feedback
+from agents.control.scene import plant_of, require_number
 from agents.controllers.lqr import LQR, state_weight
 from agents.controllers.registry import Entry, Free, Tunable, without_weight
-from agents.controllers.scene import plant_of, require_number
 from agents.controllers.searched import searched_pair
 from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness

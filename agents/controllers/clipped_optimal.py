@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from agents.controllers.actuators import (
+from agents.control.actuators import (
     SWITCHINGS,
     Actuators,
     Command,
     MagnetorheologicalDamper,
     Switching,
 )
-from agents.controllers.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.scene import drawn_but, require_number
 from agents.controllers.lqr import design
 from agents.controllers.registry import Entry, unless
-from agents.controllers.scene import drawn_but, require_number
 from agents.controllers.searched import over_decades
 from agents.controllers.semi_active import SemiActive, damper_entry
 from mm_gym import DesignError, Scene

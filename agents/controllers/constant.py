@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from agents.controllers.actuators import Command
-from agents.controllers.controller import Acted, Controller, Info, Law, Memory, Observation, Values
-from agents.controllers.feedback import Both, Feedback
-from agents.controllers.observed_state import ObservedActuators
+from agents.control.actuators import Command
+from agents.control.controller import Acted, Controller, Info, Law, Memory, Observation, Values
+from agents.control.feedback import Both, Feedback
+from agents.control.observed_state import ObservedActuators
+from agents.control.scene import require_number
 from agents.controllers.registry import Entry
-from agents.controllers.scene import require_number
 from agents.controllers.searched import grid, searched
 from agents.scoring import VALIDATION_SEED
 from mm_gym import Scene

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from agents.controllers.controller import Acted, Law, Memory, Values
-from agents.controllers.feedback import Feedback
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.feedback import Feedback
+from agents.control.scene import nominal, require_actuator, require_number, sphere_springs
 from agents.controllers.registry import Entry, unless
-from agents.controllers.scene import nominal, require_actuator, require_number, sphere_springs
 from agents.controllers.searched import searched_pair
 from mm_gym import DesignError, Scene
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from agents.controllers.actuators import Command
-from agents.controllers.controller import Acted, Law, Memory, Values
-from agents.controllers.feedback import Feedback
+from agents.control.actuators import Command
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.feedback import Feedback
+from agents.control.scene import require_number
 from agents.controllers.registry import Entry
-from agents.controllers.scene import require_number
 from mm_gym import Scene
 
 

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from agents.controllers.actuators import Command
-from agents.controllers.controller import Acted, Law, Memory, Values
+from agents.control.actuators import Command
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.scene import STATES
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Free, Tunable, without_weight
-from agents.controllers.scene import STATES
 from mm_gym import Scene
 
 

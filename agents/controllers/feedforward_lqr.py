@@ -6,6 +6,9 @@ import control
 import numpy as np
 from scipy.linalg import expm
 
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.feedback import Both, Feedback
+from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.clipped_lqr import (
     ClippedLQR,
     best_lqr_with_clipped_lqr,
@@ -13,13 +16,10 @@ from agents.controllers.clipped_lqr import (
     weighted_clipped_lqr,
 )
 from agents.controllers.clipped_lqr import free_numbers as free_numbers_of_motion
-from agents.controllers.controller import Acted, Law, Memory, Values
-from agents.controllers.feedback import Both, Feedback
 from agents.controllers.forecast import SHAPED, UNMODELLED, ExcitationFilter
 from agents.controllers.lqg import regulator
 from agents.controllers.lqr import state_weight
 from agents.controllers.registry import Entry, Free, Tunable, unless, without_weight
-from agents.controllers.scene import STATES, force_weight, plant_of
 from mm_gym import Scene
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from agents.controllers.actuators import Command
-from agents.controllers.controller import Acted, Law, Memory, Values
-from agents.controllers.feedback import Feedback
+from agents.control.actuators import Command
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.feedback import Feedback
 from agents.controllers.lqr import problem_of
 from agents.controllers.registry import Entry, without_weight
 from mm_gym import DesignError, Scene

@@ -3,18 +3,18 @@
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from agents.controllers.controller import Acted, Memory, Values, chosen, joined, part
-from agents.controllers.disturbance import (
+from agents.control.controller import Acted, Memory, Values, chosen, joined, part
+from agents.control.disturbance import (
     ORDER,
     ForceObserver,
     force_column,
     prediction_weights,
     state_scales,
 )
+from agents.control.model import Innovation
+from agents.control.observed_state import missed_covariance
+from agents.control.scene import STATES, plant_of
 from agents.controllers.frequency_tracking import LinearPrediction
-from agents.controllers.model import Innovation
-from agents.controllers.observed_state import missed_covariance
-from agents.controllers.scene import STATES, plant_of
 from mm_gym import DesignError, LinearSystem, Scene
 
 SHAPED = ("noise", "kanai_tajimi", "clough_penzien")

@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
-from agents.controllers.actuators import Command, require_stable_rest
-from agents.controllers.controller import (
+from agents.control.actuators import Command, require_stable_rest
+from agents.control.controller import (
     Acted,
     Controller,
     Info,
@@ -19,8 +19,8 @@ from agents.controllers.controller import (
     joined,
     part,
 )
-from agents.controllers.disturbance import ForceObserver
-from agents.controllers.feedback import Feedback
+from agents.control.disturbance import ForceObserver
+from agents.control.feedback import Feedback
 from agents.controllers.registry import Entry, Free, Tunable, unless
 from agents.scoring import FREQUENCY
 from mm_gym import MovingMassVectorEnv, Scene

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from agents.controllers.controller import Acted, Law, Memory, Values
-from agents.controllers.feedback import Feedback
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.feedback import Feedback
+from agents.control.scene import drawn_but
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Entry, without_weight
-from agents.controllers.scene import drawn_but
 from agents.controllers.searched import DECADES, searched
 from mm_gym import Scene
 

@@ -10,12 +10,12 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Acted, Controller, Info, Memory, Observation
+from agents.control.controller import Acted, Controller, Info, Memory, Observation
+from agents.control.observed_state import Frame
+from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.lqg import require_detectable
 from agents.controllers.lqr import hidden_mode, state_weight
-from agents.controllers.observed_state import Frame
 from agents.controllers.registry import Entry, without_weight
-from agents.controllers.scene import STATES, force_weight, plant_of
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.errors import suggest
 

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.linalg import expm
 
-from agents.controllers.actuators import Command
-from agents.controllers.controller import Acted, Law, Memory, Values
+from agents.control.actuators import Command
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.scene import plant_of
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Free, Tunable, without_weight
-from agents.controllers.scene import plant_of
 from mm_gym import Scene
 
 HOLD, PUSH, RETURN = 0, 1, 2

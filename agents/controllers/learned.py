@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import (
+from agents.control.controller import (
     Acted,
     Controller,
     Info,

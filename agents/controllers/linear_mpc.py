@@ -12,13 +12,13 @@ from gymnasium.error import DependencyNotInstalled
 from scipy.linalg import block_diag
 from scipy.sparse import csc_matrix
 
-from agents.controllers.actuators import Command
-from agents.controllers.controller import Acted, Law, Memory, Values
-from agents.controllers.feedback import Feedback
+from agents.control.actuators import Command
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.feedback import Feedback
+from agents.control.scene import force_weight, nominal, plant_of, require_number
+from agents.control.trajectories import ends_of
 from agents.controllers.lqr import design, problem_of
 from agents.controllers.registry import Entry, unless, without_weight
-from agents.controllers.scene import force_weight, nominal, plant_of, require_number
-from agents.controllers.trajectories import ends_of
 from mm_gym import DesignError, Scene
 
 MOST_STEPS = 1000  # longest horizon; the matrices have the square of its size

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
-from agents.controllers.actuators import Command
-from agents.controllers.controller import Acted, Controller, Info, Memory, Observation
+from agents.control.actuators import Command
+from agents.control.controller import Acted, Controller, Info, Memory, Observation
+from agents.control.observed_state import Frame
+from agents.control.scene import STATES, drawn_but, force_weight, plant_of, require_number
 from agents.controllers.lqr import (
     Quadratic,
     hidden_mode,
@@ -17,9 +19,7 @@ from agents.controllers.lqr import (
     reaction_weights,
     state_weight,
 )
-from agents.controllers.observed_state import Frame
 from agents.controllers.registry import Entry, Free, Tunable, unless, without_weight
-from agents.controllers.scene import STATES, drawn_but, force_weight, plant_of, require_number
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
 
 Array = NDArray[np.float64]

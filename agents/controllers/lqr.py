@@ -11,12 +11,12 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.actuators import Command
+from agents.control.actuators import Command
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.feedback import Both, Feedback
+from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.constant import Held
-from agents.controllers.controller import Acted, Law, Memory, Values
-from agents.controllers.feedback import Both, Feedback
 from agents.controllers.registry import Entry, without_weight
-from agents.controllers.scene import STATES, force_weight, plant_of
 from agents.controllers.searched import grid, searched
 from mm_gym import DesignError, Scene
 

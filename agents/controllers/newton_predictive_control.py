@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.controllers.controller import Acted, Law, Memory, Values, joined, part
+from agents.control.controller import Acted, Law, Memory, Values, joined, part
+from agents.control.trajectories import Trajectories
 from agents.controllers.forecast import PushForecast
 from agents.controllers.noise import Noise, States
-from agents.controllers.trajectories import Trajectories
 from mm_gym import DesignError, MovingMassVectorEnv, Scene
 
 SEED = 5_000_000

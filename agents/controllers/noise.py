@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Acted, Controller, Info, Memory, Observation, Values
+from agents.control.controller import Acted, Controller, Info, Memory, Observation, Values
 from agents.controllers.registry import Entry
 from mm_gym import MovingMassVectorEnv, Scene
 

@@ -5,11 +5,11 @@ from functools import partial
 import control
 import numpy as np
 
-from agents.controllers.actuators import Command, Lead, require_stable_rest
-from agents.controllers.controller import Acted, Law, Memory, Values
+from agents.control.actuators import Command, Lead, require_stable_rest
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.scene import plant_of
 from agents.controllers.lqr import state_weight
 from agents.controllers.registry import Entry
-from agents.controllers.scene import plant_of
 from agents.controllers.searched import grid, searched
 from mm_gym import DesignError, Scene
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from agents.controllers.actuators import Command, require_stable_rest
-from agents.controllers.controller import Acted, Law, Memory, Values
+from agents.control.actuators import Command, require_stable_rest
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.scene import require_number
 from agents.controllers.registry import Entry
-from agents.controllers.scene import require_number
 from agents.controllers.searched import over_decades
 from mm_gym import Scene
 

@@ -7,15 +7,15 @@ from typing import TypeAlias
 
 import numpy as np
 
-from agents.controllers.actuators import Actuators
-from agents.controllers.controller import Acted, Law, Memory, Values, chosen, joined, part
-from agents.controllers.feedback import Feedback
+from agents.control.actuators import Actuators
+from agents.control.controller import Acted, Law, Memory, Values, chosen, joined, part
+from agents.control.feedback import Feedback
+from agents.control.model import Model, require_reward_of_motion
+from agents.control.trajectories import ends_of
 from agents.controllers.forecast import Forecast
-from agents.controllers.model import Model, require_reward_of_motion
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.noise import Noise
 from agents.controllers.registry import Entry
-from agents.controllers.trajectories import ends_of
 from agents.controllers.tuned import best_without_memory, classical_laws
 from mm_gym import DesignError, Scene
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 import agents.controllers
-from agents.controllers.controller import Controller, Law
-from agents.controllers.feedback import Feedback
-from agents.controllers.scene import force_weight
+from agents.control.controller import Controller, Law
+from agents.control.feedback import Feedback
+from agents.control.scene import force_weight
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.errors import suggest
 from mm_gym.files import read_json

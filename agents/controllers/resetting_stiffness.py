@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from agents.controllers.actuators import Command, Lead, require_stable_rest
-from agents.controllers.controller import Acted, Law, Memory, Values
-from agents.controllers.feedback import Feedback
+from agents.control.actuators import Command, Lead, require_stable_rest
+from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.feedback import Feedback
 from agents.controllers.registry import Entry
 from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness

@@ -14,9 +14,9 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from scipy.optimize import minimize_scalar
 
-from agents.controllers.controller import Law, StateSource, Values
-from agents.controllers.feedback import Feedback
-from agents.controllers.observed_state import ObservedState
+from agents.control.controller import Law, StateSource, Values
+from agents.control.feedback import Feedback
+from agents.control.observed_state import ObservedState
 from agents.controllers.registry import Tunable
 from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, evaluate, validation_cost
 from mm_gym import DesignError, Scene

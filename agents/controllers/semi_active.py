@@ -6,13 +6,13 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from agents.controllers.actuators import SWITCHINGS, Damper, Lead, Switching
-from agents.controllers.controller import Acted, Law, Memory, Values, joined, part
-from agents.controllers.disturbance import force_column, state_scales
-from agents.controllers.feedback import Feedback
-from agents.controllers.model import Innovation
+from agents.control.actuators import SWITCHINGS, Damper, Lead, Switching
+from agents.control.controller import Acted, Law, Memory, Values, joined, part
+from agents.control.disturbance import force_column, state_scales
+from agents.control.feedback import Feedback
+from agents.control.model import Innovation
+from agents.control.scene import STATES, nominal, plant_of, require_number, sphere_springs
 from agents.controllers.registry import Entry
-from agents.controllers.scene import STATES, nominal, plant_of, require_number, sphere_springs
 from agents.controllers.searched import grid, over_decades, searched
 from mm_gym import DesignError, Scene
 

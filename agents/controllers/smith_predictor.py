@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from agents.controllers.controller import Acted, Info, Memory, Observation, Values
-from agents.controllers.feedback import Feedback
+from agents.control.controller import Acted, Info, Memory, Observation, Values
+from agents.control.feedback import Feedback
+from agents.control.model import Model
+from agents.control.observed_state import ObservedState
+from agents.control.scene import plant_of
 from agents.controllers.lqr import LQR
-from agents.controllers.model import Model
-from agents.controllers.observed_state import ObservedState
 from agents.controllers.registry import Entry, without_weight
-from agents.controllers.scene import plant_of
 from agents.controllers.searched import DECADES, searched
 from mm_gym import Scene
 

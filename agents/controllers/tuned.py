@@ -6,9 +6,9 @@ All but the informed ones read what an agent observes.
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
+from agents.control.controller import Controller, Law
+from agents.control.feedback import Feedback
 from agents.controllers.constant import best_constant, uncontrolled
-from agents.controllers.controller import Controller, Law
-from agents.controllers.feedback import Feedback
 from agents.controllers.registry import Role, entries
 from agents.network.files import PolicyError
 from agents.scoring import validation_cost

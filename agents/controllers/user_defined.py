@@ -7,7 +7,7 @@ from typing import Any, NoReturn, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import (
+from agents.control.controller import (
     Acted,
     Controller,
     Info,
@@ -17,7 +17,7 @@ from agents.controllers.controller import (
     Reads,
     Values,
 )
-from agents.controllers.feedback import Feedback, TrueState
+from agents.control.feedback import Feedback, TrueState
 from mm_gym import MovingMassVectorEnv, Scene, SceneError
 from mm_gym.user_code import call, load, split
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Reads
+from agents.control.controller import Reads
 from agents.evaluation.aggregates import (
     Estimate,
     cost_estimate,

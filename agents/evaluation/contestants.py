@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller
+from agents.control.controller import Controller
 from agents.controllers.learned import Learned
 from agents.controllers.noise import RandomActions
 from agents.controllers.registry import RANDOM, laws, not_a_law, obstacle

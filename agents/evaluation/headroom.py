@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.control.controller import Controller
+from agents.control.feedback import Feedback
 from agents.controllers.constant import ConstantAction, best_constant, constant_stretch, no_control
-from agents.controllers.controller import Controller
-from agents.controllers.feedback import Feedback
 from agents.controllers.noise import RandomActions
 from agents.controllers.predictive_control import predictive_control
 from agents.controllers.registry import Tunable, entries

@@ -8,8 +8,8 @@ from functools import partial
 
 import numpy as np
 
+from agents.control.controller import Reads
 from agents.controllers.constant import best_constant
-from agents.controllers.controller import Reads
 from agents.controllers.tuned import NOT_SCORED, Baselines, baselines
 from agents.evaluation.aggregates import Sample
 from agents.evaluation.contestants import Entry, Episodes, Field

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller, Memory, Reads
-from agents.controllers.trajectories import Trajectories, Trajectory
+from agents.control.controller import Controller, Memory, Reads
+from agents.control.trajectories import Trajectories, Trajectory
 from agents.evaluation.local_search import LocalSearch
 from mm_gym import MovingMassVectorEnv, Scene
 

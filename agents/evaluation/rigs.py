@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from agents.control.controller import Controller
+from agents.control.feedback import Feedback, TrueState
+from agents.control.scene import drawn_but
 from agents.controllers.constant import ConstantAction, best_constant
-from agents.controllers.controller import Controller
-from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.h_infinity import HInfinity
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.predictive_control import predictive_control
 from agents.controllers.registry import entries
-from agents.controllers.scene import drawn_but
 from agents.controllers.tuned import (
     best_without_memory,
     classical_laws,

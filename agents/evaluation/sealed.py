@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.control.controller import Controller
 from agents.controllers.constant import best_constant
-from agents.controllers.controller import Controller
 from agents.evaluation.aggregates import shared_episodes
 from agents.evaluation.headroom import CLASSICAL, controllers_of, interval
 from agents.network.files import content_of, read_content

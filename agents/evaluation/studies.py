@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import periodogram
 
-from agents.controllers.controller import Controller
-from agents.controllers.scene import drawn_but
+from agents.control.controller import Controller
+from agents.control.scene import drawn_but
 from agents.evaluation.contestants import Entry, Episodes
 from agents.rollout import Rollout
 from agents.scoring import evaluate, spread_frequency, tail_mean

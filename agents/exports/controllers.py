@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller
+from agents.control.controller import Controller
 from agents.controllers.lqg import LQG, state_units
 from agents.network.layers import Clip, Dense, Regulator, Residual
 from agents.network.policy import Policy

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.control.observed_state import ROWS
 from agents.controllers.lqr import state_weight
-from agents.controllers.observed_state import ROWS
 from mm_gym import DesignError, MovingMassVectorEnv
 from mm_gym.differences import Outputs
 from mm_gym.sensitivity import Sensitivities

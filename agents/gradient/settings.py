@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from agents.controllers.scene import plant_of
+from agents.control.scene import plant_of
 from agents.training.config import Count, Positive, SearchSettings
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller
+from agents.control.controller import Controller
 from agents.rollout import Rollout
 from mm_gym import MovingMassVectorEnv
 

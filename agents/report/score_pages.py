@@ -7,7 +7,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from agents.controllers.trajectories import ends_of
+from agents.control.trajectories import ends_of
 from agents.evaluation.headroom import CLASSICAL, LEARNED, least_cost
 from agents.evaluation.rigs import DELAYS, task_of
 from agents.evaluation.rigs import EPISODES as OF_RIGS

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller
+from agents.control.controller import Controller
 from agents.controllers.learned import Learned
 from agents.controllers.tuned import classical_laws
 from agents.evaluation.aggregates import Estimate, interquartile_mean, proportion, shared_episodes

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 
+from agents.control.feedback import Feedback, TrueState
 from agents.controllers.constant import no_control
-from agents.controllers.feedback import Feedback, TrueState
 from agents.scoring import validation_cost
 from agents.training.runs import read_as
 from mm_gym.files import write_text

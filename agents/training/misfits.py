@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.control.scene import plant_of
 from agents.controllers.constant import uncontrolled
 from agents.controllers.lqg import OF_ACTUATORS
-from agents.controllers.scene import plant_of
 from agents.rollout import Rollout
 from agents.training.scales import LANES, SEED
 from mm_gym import MovingMassVectorEnv

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.scene import plant_of
+from agents.control.scene import plant_of
 from agents.training.algorithm_settings import PPOSettings
 from agents.training.best import best_controller
 from agents.training.parts import NO_BASE, base_controller

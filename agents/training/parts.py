@@ -16,7 +16,7 @@ from mm_gym.user_code import is_path
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from agents.controllers.controller import Controller
+    from agents.control.controller import Controller
     from agents.policies import AnyPolicy
     from agents.training.config import TrainSettings
     from agents.training.runs import Run

@@ -9,7 +9,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from agents.controllers.controller import chosen, joined, part
+from agents.control.controller import chosen, joined, part
 from agents.controllers.learned import observed
 from agents.training.arrays import check_like
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from gymnasium.vector import VectorEnv
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Controller, Memory, Values
+    from agents.control.controller import Controller, Memory, Values
     from agents.training.arrays import Arrays
 
     Wrapper = VectorWrapper[Any, Any, Any, Any, Any]

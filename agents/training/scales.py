@@ -14,7 +14,7 @@ from mm_gym import ActionError, MovingMassVectorEnv
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Acted, Controller, Info, Memory, Observation
+    from agents.control.controller import Acted, Controller, Info, Memory, Observation
     from agents.training.starts import Start
     from mm_gym import Scene
 

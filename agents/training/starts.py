@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from agents.controllers.actuators import Command
+from agents.control.actuators import Command
+from agents.control.observed_state import ROWS
+from agents.control.scene import plant_of
 from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clipped_lqr
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import device_of
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import design_filter, design_lqg, state_units
 from agents.controllers.lqr import LQR
-from agents.controllers.observed_state import ROWS
-from agents.controllers.scene import plant_of
 from agents.policies import Policy, network
 from agents.scoring import validation_cost
 from agents.training.forecast import force_memory

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from agents.controllers.actuators import Actuators, require_stable_rest
+from agents.control.actuators import Actuators, require_stable_rest
+from agents.control.scene import require_actuator
 from agents.controllers.lqr import state_weight
-from agents.controllers.scene import require_actuator
 from agents.network.files import LARGEST, Arrays
 from agents.training.config import SEED_BITS, Count, TimedSettings
 from agents.training.runs import Run

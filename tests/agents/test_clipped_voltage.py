@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from agents.commands.evaluate import main
+from agents.control.feedback import Feedback, TrueState
+from agents.control.model import Model
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import constant_damping, uncontrolled
-from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.learned import Learned
-from agents.controllers.model import Model
 from agents.controllers.registry import laws, obstacle
 from agents.controllers.tuned import classical_laws
 from agents.evolution.search import EvolveSettings, evolve

@@ -13,8 +13,8 @@ import tyro
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
 from agents.commands import evaluate as command
+from agents.control.feedback import Feedback
 from agents.controllers.constant import no_control
-from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.aggregates import Sample

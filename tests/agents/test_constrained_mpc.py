@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from tasks import ACTIVE_MASS_DAMPER, CARRIAGE_FORCE
 
-from agents.controllers.feedback import Feedback, TrueState
+from agents.control.feedback import Feedback, TrueState
 from agents.controllers.linear_mpc import KEPT, Limits, LinearMPC, constrained_mpc
 from agents.controllers.lqr import design, problem_of
 from agents.controllers.registry import laws, obstacle

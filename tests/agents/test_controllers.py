@@ -17,11 +17,11 @@ from tasks import (
     TASKS,
 )
 
-from agents.controllers.actuators import GRID, Command, Lead
+from agents.control.actuators import GRID, Command, Lead
+from agents.control.disturbance import ForceObserver
+from agents.control.feedback import Feedback, TrueState
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.constant import Held, best_constant, no_control
-from agents.controllers.disturbance import ForceObserver
-from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.forecast import Forecast
 from agents.controllers.frequency_tracking import (
     FrequencyLockedLoop,
@@ -41,7 +41,7 @@ from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Controller
+    from agents.control.controller import Controller
     from mm_gym import Scene
 
 RATE = PRE_STRETCH.replace(**{"actuation.stretch.command": "rate"})

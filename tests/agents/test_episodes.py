@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
+from agents.control.controller import Controller
+from agents.control.feedback import Feedback
 from agents.controllers.constant import ConstantForce, Held, no_control
-from agents.controllers.controller import Controller
-from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.controllers.noise import RandomActions
 from agents.scoring import HELD_OUT_SEED, evaluate, limit_penalty
@@ -20,7 +20,7 @@ from mm_gym.analysis import spring_energy
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Memory
+    from agents.control.controller import Memory
     from mm_gym import Scene
 
 LIMITED = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.004})

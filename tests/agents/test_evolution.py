@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from agents.commands import evolve as command
+from agents.control.feedback import Feedback
 from agents.controllers.clipped_lqr import ClippedLQR
-from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
 from agents.controllers.lqr import LQR
 from agents.evolution.network_kernel import forward

@@ -11,8 +11,8 @@ from exported import POLICIES, episodes_for, in_c, in_numpy, in_onnx, policy_of
 from tasks import CARRIAGE_FORCE
 
 from agents.commands import export as command
-from agents.controllers.controller import Law
-from agents.controllers.feedback import Feedback
+from agents.control.controller import Law
+from agents.control.feedback import Feedback
 from agents.controllers.learned import Residual
 from agents.exports.controllers import controller_policy, linear_base, residual
 from agents.network.c_source import c_source

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 
+from agents.control.feedback import Both, Feedback, TrueState
 from agents.controllers.clipped_lqr import ClippedLQR
-from agents.controllers.feedback import Both, Feedback, TrueState
 from agents.controllers.feedforward_lqr import FeedforwardLQR
 from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LQR

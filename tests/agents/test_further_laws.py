@@ -6,9 +6,9 @@ from gymnasium.error import DependencyNotInstalled
 from scipy.optimize import minimize
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
+from agents.control.feedback import Feedback, TrueState
 from agents.controllers.constant import no_control
 from agents.controllers.extremum_seeking import ExtremumSeeking
-from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
 from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqr import LQR, design

@@ -7,8 +7,8 @@ from gymnasium.error import DependencyNotInstalled
 from scipy.linalg import LinAlgError, solve_continuous_are
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH
 
+from agents.control.feedback import Feedback
 from agents.controllers.constant import no_control
-from agents.controllers.feedback import Feedback
 from agents.controllers.h_infinity import (
     HInfinity,
     Matrices,

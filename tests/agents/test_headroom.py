@@ -9,8 +9,8 @@ import pytest
 from tasks import ACTIVE_MASS_DAMPER, CARRIAGE_FORCE, TASKS
 
 from agents.commands import headroom as command
+from agents.control.feedback import Feedback
 from agents.controllers.constant import ConstantAction, constant_stretch
-from agents.controllers.feedback import Feedback
 from agents.controllers.inertial_drive import INERTIAL_DRIVE
 from agents.evaluation.headroom import (
     BEST,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH
 
-from agents.controllers.actuators import Lead
+from agents.control.actuators import Lead
+from agents.control.observed_state import ObservedState
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.constant import ConstantForce, Held
 from agents.controllers.extremum_seeking import ExtremumSeeking
@@ -15,7 +16,6 @@ from agents.controllers.h_infinity import HInfinity
 from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LQR, regulator
-from agents.controllers.observed_state import ObservedState
 from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.registry import laws

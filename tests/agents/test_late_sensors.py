@@ -8,8 +8,8 @@ import pytest
 from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH, TASKS
 
 from agents.commands.controller_tables import LATE, PAGE, RATES, with_rows
+from agents.control.feedback import Feedback
 from agents.controllers.extremum_seeking import ExtremumSeeking
-from agents.controllers.feedback import Feedback
 from agents.controllers.feedforward_lqr import FeedforwardLQR
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
 from agents.controllers.lqg import WeightedLQG

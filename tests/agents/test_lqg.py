@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH
 
-from agents.controllers.feedback import Feedback, TrueState
+from agents.control.feedback import Feedback, TrueState
 from agents.controllers.lqg import LQG, design_lqg
 from agents.controllers.lqr import LQR
 from agents.controllers.tuned import baselines

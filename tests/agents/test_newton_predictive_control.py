@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, TASKS
 
-from agents.controllers.feedback import Feedback, TrueState
+from agents.control.feedback import Feedback, TrueState
+from agents.control.model import Model
 from agents.controllers.forecast import ExcitationFilter, PushForecast
 from agents.controllers.lqr import LQR
-from agents.controllers.model import Model
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps
 from agents.controllers.predictive_control import PredictiveControl, predictive_control
 from agents.controllers.velocity_feedback import VelocityFeedback

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH, TASKS
 
-from agents.controllers.actuators import Actuators
+from agents.control.actuators import Actuators
+from agents.control.feedback import Feedback, TrueState
+from agents.control.model import Innovation, Model
+from agents.control.observed_state import ObservedState
 from agents.controllers.constant import no_control
-from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.lqr import LQR
-from agents.controllers.model import Innovation, Model
-from agents.controllers.observed_state import ObservedState
 from agents.controllers.predictive_control import PredictiveControl, Search
 from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, Scene

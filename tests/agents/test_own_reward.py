@@ -8,11 +8,11 @@ import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, PRE_STRETCH_SHOCK
 
 from agents.commands import evaluate as command
+from agents.control.trajectories import Trajectories
 from agents.controllers.constant import uncontrolled
 from agents.controllers.lqr import LQR
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.predictive_control import PredictiveControl, predictive_control
-from agents.controllers.trajectories import Trajectories
 from agents.controllers.velocity_feedback import best_velocity_feedback
 from agents.evaluation.contestants import Episodes as Compared
 from agents.evaluation.contestants import law_of, read_field

@@ -5,17 +5,17 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH, PRE_STRETCH_SHOCK
 
+from agents.control.model import Model
+from agents.control.trajectories import Trajectories
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
 from agents.controllers.h_infinity import design_h_infinity
 from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqg import design_lqg
 from agents.controllers.lqr import LQR, design
-from agents.controllers.model import Model
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.predictive_control import PredictiveControl
-from agents.controllers.trajectories import Trajectories
 from agents.value_iteration.iteration import problem_of
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 

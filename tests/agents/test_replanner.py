@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, TASKS
 
-from agents.controllers.feedback import Feedback
+from agents.control.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.evaluation.plans import Replanner
 from agents.scoring import evaluate

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 
+from agents.control.feedback import Feedback
 from agents.controllers.constant import ConstantAction, no_control
-from agents.controllers.feedback import Feedback
 from agents.report.figures import draw_costs, draw_response, look_of
 from agents.report.pages import percent, print_ranking, write_episodes, write_scores
 from agents.scoring import Evaluation, evaluate

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from tasks import CARRIAGE_FORCE
 
-from agents.controllers.feedback import Feedback
+from agents.control.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps
 from agents.controllers.predictive_control import SEARCH, PredictiveControl

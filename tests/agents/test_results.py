@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.commands import results as command
-from agents.controllers.feedback import Feedback
+from agents.control.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.evaluation.aggregates import proportion
 from agents.evolution.search import EvolveSettings

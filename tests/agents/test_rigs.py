@@ -7,10 +7,10 @@ import pytest
 
 from agents.__main__ import main
 from agents.commands import robustness
-from agents.controllers.actuators import Actuators
-from agents.controllers.observed_state import ObservedState
-from agents.controllers.scene import drawn_but
-from agents.controllers.trajectories import Trajectories
+from agents.control.actuators import Actuators
+from agents.control.observed_state import ObservedState
+from agents.control.scene import drawn_but
+from agents.control.trajectories import Trajectories
 from agents.evaluation.rigs import rigs_of, scores_of, task_of
 from agents.evaluation.studies import variants
 from agents.report.score_pages import ROBUSTNESS as PAGE

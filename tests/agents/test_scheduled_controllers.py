@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, TASKS
 
+from agents.control.controller import part
+from agents.control.feedback import Feedback
 from agents.controllers.adaptive_lqr import FACTORS, UNSURE, AdaptiveLQR
-from agents.controllers.controller import part
-from agents.controllers.feedback import Feedback
 from agents.controllers.gain_scheduling import GainScheduledLQR, Schedule
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import laws, obstacle

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
 
-from agents.controllers.actuators import GRID, Lead
+from agents.control.actuators import GRID, Lead
+from agents.control.feedback import Feedback
+from agents.control.scene import sphere_springs
 from agents.controllers.clipped_optimal import ClippedOptimal, SharedForce
 from agents.controllers.constant import no_control, uncontrolled
 from agents.controllers.energy_shaping import EnergyShaping
-from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
 from agents.controllers.lqr import LQR
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps
 from agents.controllers.noise import RandomActions
 from agents.controllers.predictive_control import SEARCH, PredictiveControl, predictive_control
 from agents.controllers.registry import laws, obstacle
-from agents.controllers.scene import sphere_springs
 from agents.controllers.semi_active import CORNER, Balance, GroundVelocity, Hook
 from agents.controllers.tuned import classical_laws, makers
 from agents.evaluation.plans import Effort, Planner

@@ -9,8 +9,8 @@ import pytest
 
 from agents.commands import train as command
 from agents.commands.evaluate import report_run
+from agents.control.feedback import Feedback
 from agents.controllers.constant import no_control
-from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
 from agents.policies import load_policy
 from agents.scoring import VALIDATION_SEED, evaluate, limit_penalty, validation_cost

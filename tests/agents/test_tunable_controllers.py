@@ -8,7 +8,7 @@ import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH_SHOCK, TASKS
 
 from agents.commands.tune_controllers import main, tunables
-from agents.controllers.controller import part
+from agents.control.controller import part
 from agents.controllers.inertial_drive import HOLD, INERTIAL_DRIVE, PUSH, RETURN
 from agents.controllers.registry import Free, Tunable, every_entry, laws, obstacle, read_found
 from agents.controllers.searched import FINALISTS, trials

@@ -7,7 +7,7 @@ import pytest
 from tasks import CARRIAGE_FORCE
 
 from agents.commands import evaluate as command
-from agents.controllers.feedback import Feedback
+from agents.control.feedback import Feedback
 from agents.controllers.user_defined import user_defined
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.scoring import evaluate

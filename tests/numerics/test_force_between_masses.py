@@ -322,7 +322,7 @@ def test_channels_and_lanes_show_both_accelerations():
 
 
 def test_predictions_of_controllers_have_the_disturbance_on_the_carriage_alone():
-    model = pytest.importorskip("agents.controllers.model").Model
+    model = pytest.importorskip("agents.control.model").Model
     scene = scene_of("cubic", "friction", solver={"tolerance": 1e-12})
     state = np.array([[0.004, 0.012, 0.1, 0.3], [0.001, -0.01, 0.2, -0.1]])
     made = model(scene)

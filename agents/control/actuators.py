@@ -5,8 +5,8 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from scipy.linalg import expm
 
-from agents.controllers.controller import Values
-from agents.controllers.scene import nominal, plant_of, require_actuator, require_number
+from agents.control.controller import Values
+from agents.control.scene import nominal, plant_of, require_actuator, require_number
 from mm_gym import DesignError, Scene
 from mm_gym.analysis import spring_stiffness
 

@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 
-from agents.controllers.controller import Values
+from agents.control.controller import Values
 from mm_gym import DesignError, Plant, Scene, compile_scene
 from mm_gym.analysis import spring_force
 

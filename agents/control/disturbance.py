@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.actuators import Actuators
-from agents.controllers.controller import Memory, Values
-from agents.controllers.model import Innovation, Model
-from agents.controllers.scene import drawn_but, plant_of
+from agents.control.actuators import Actuators
+from agents.control.controller import Memory, Values
+from agents.control.model import Innovation, Model
+from agents.control.scene import drawn_but, plant_of
 from mm_gym import MovingMassVectorEnv, Scene
 
 LANES, STEPS, SEED = 64, 200, 3_000_000

@@ -5,8 +5,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Memory, Values, chosen
-from agents.controllers.scene import plant_of
+from agents.control.controller import Memory, Values, chosen
+from agents.control.scene import plant_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene
 
 AMPLE = 1e3

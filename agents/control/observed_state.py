@@ -6,11 +6,11 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.actuators import Actuators
-from agents.controllers.controller import Info, Memory, Observation, Reads, Values, chosen
-from agents.controllers.disturbance import covariance, state_scales
-from agents.controllers.model import Model
-from agents.controllers.scene import plant_of
+from agents.control.actuators import Actuators
+from agents.control.controller import Info, Memory, Observation, Reads, Values, chosen
+from agents.control.disturbance import covariance, state_scales
+from agents.control.model import Model
+from agents.control.scene import plant_of
 from mm_gym import DesignError, Scene
 
 FLOOR = 1e-4

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.controllers.controller import (
+from agents.control.controller import (
     Acted,
     Controller,
     Info,
@@ -15,7 +15,7 @@ from agents.controllers.controller import (
     joined,
     part,
 )
-from agents.controllers.observed_state import ObservedState
+from agents.control.observed_state import ObservedState
 from mm_gym import MovingMassVectorEnv, Scene
 
 
