@@ -73,7 +73,6 @@ class Episodes:
         self.effort = 0.0 if own else objective.effort_weight
         self.states: Values = np.empty((self.steps, self.motion, lanes))
         self.actions: Values = np.empty((self.steps, size, lanes))
-        self.free = np.empty((self.steps, size, lanes), np.bool_)
 
     def _begin(self, seeds: Sequence[int]) -> NDArray[np.float32]:
         """Begin the episodes of the seeds; return what they show."""
@@ -92,7 +91,6 @@ class Episodes:
             self.newest.append(step - self._ages(step))
             asked = network.act(step, observation.T)
             actions = self.actions[step] = np.clip(asked, -1.0, 1.0)
-            self.free[step] = np.abs(asked) <= 1.0
             found = self.physics.jacobian(actions)
             self.jacobians.append((found.state, found.action))
             self.states[step] = found.end[:, : self.motion].T
@@ -157,16 +155,12 @@ class Episodes:
             by_state, by_action = self.jacobians[step]
             action = np.einsum("lij,il->jl", by_action, state)
             action += part * self.effort * self.actions[step]
-            followed = self.free[step]
-            if inwards:
-                followed = followed | (action * self.actions[step] > 0.0)
-            action *= followed
             state = np.einsum("lij,il->jl", by_state, state)
             factor = fade * _bounded(scale @ np.abs(state))
             state *= factor
             frames *= factor
             network.fade(factor)
-            shown = network.back(step, action)
+            shown = network.back(step, action, inwards=inwards)
             for age, frame in zip(ages[step], shown.reshape(history, rows, -1)[::-1], strict=True):
                 frames[age, :, every] += frame.T
             if self.shown is not None:

@@ -185,18 +185,22 @@ class Network:
 
     def begin_back(self) -> None:
         """Begin the way back, at an episode's end."""
-        for slopes in (*self.gradient.values(), *self._remembered):
+        for slopes in (*self.gradient.values(), *self._remembered, self.by_acted):
             slopes[:] = 0.0
 
-    def back(self, step: int, by_action: Values) -> Single:
-        """Return the slopes over the observation (n, lanes), given those over the actions.
+    def back(self, step: int, by_action: Values, *, inwards: bool = False) -> Single:
+        """Return the slopes over the observation (n, lanes), given the motion's over the actions.
 
         Those over the parameters are added to the gradient. Steps come from the last to the first.
         """
         own, add, inputs, n = self.parameters, self.gradient, self.inputs[step], self.observed
         by_asked = by_action.astype(REAL)
         if self.acting:
-            by_asked += self.free[step] * self.by_acted
+            by_asked += self.by_acted
+        followed = self.free[step]
+        if inwards:
+            followed = followed | (by_asked * self.acted[step] > 0.0)
+        by_asked *= followed
         add["last"] += by_asked.sum(axis=1)
         add["direct"] += by_asked @ inputs.T
         add["output"] += by_asked @ self.hidden[step].T
@@ -239,11 +243,15 @@ class Network:
         return by_pairs
 
     def fade(self, factor: Values) -> None:
-        """Multiply the slopes over what is remembered by a factor (lanes,)."""
+        """Multiply the slopes over what is remembered by a factor (lanes,).
+
+        Those over the last action stay, as the motion's over the action do: an observer knows the
+        force, and where its own recursion is not stable, only both together stay bounded.
+        """
         own = factor.astype(REAL)
         for slopes in self._remembered:
             np.multiply(slopes, own, out=slopes)
 
     @property
     def _remembered(self) -> tuple[Single, ...]:
-        return self.by_memory, self.by_products, self.by_squares, self.by_acted
+        return self.by_memory, self.by_products, self.by_squares

@@ -220,7 +220,7 @@ class TestGradients:
         policy = policy_for(scene, knows_action="memory of the action" in kind)
         net = Network(policy, STEPS, LANES)
         cost, draw = own.run(net, range(LANES)), np.random.default_rng(2)
-        assert own.free.all()
+        assert net.free.all()
         own.back(net, 1.0, feedback)
         first, step = net.parameters, 1e-4
         for name, values in first.items():

@@ -174,6 +174,27 @@ def test_steps_of_a_descent_are_of_the_size_of_each_parameter():
     assert search.sizes["enter"].max() / search.sizes["enter"].min() > 3.0
 
 
+def test_slopes_stay_bounded_where_only_the_loop_with_the_motion_is_stable():
+    small = {"law": "lqg", "hidden": 2, "oscillators": 1, "episodes": 16, "iterations": 9}
+    settings = GradientSettings.of({"scene": str(FOLDER / "frame.toml"), "name": "f", **small})
+    search = Descent(settings, settings.rewarded_scene())
+    network, episodes = search.network, search.episodes
+    own, n = network.parameters, network.observed
+    gain = own["direct"][:, n : n + network.memory]
+    # Slopes that are not those of the loop grow by this in each of 500 steps, beyond all numbers.
+    assert np.abs(np.linalg.eigvals(own["keep"] + own["back"] @ gain)).max() > 2.0
+    episodes.run(network, range(16))
+
+    def size(fade: float, **how: bool) -> float:
+        episodes.back(network, fade, **how)
+        slopes = (search.sizes[name] * slope for name, slope in network.gradient.items())
+        return float(np.sqrt(sum(np.sum(np.square(slope)) for slope in slopes)))
+
+    assert not network.free.all()
+    # 60 control steps are 2.5 periods: what fades within them is of the size of the whole.
+    assert 0.1 < size(np.exp(-1.0 / 60.0), inwards=True) / size(1.0) < 10.0
+
+
 def test_settings_of_a_descent_follow_from_the_scene_unless_asked_for():
     given = {"scene": str(FOLDER / "platform.toml"), "name": "p"}
     scene = structure("platform")
