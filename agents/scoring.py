@@ -1,23 +1,14 @@
 """Held-out episodes: every controller runs through the same ones."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from agents.control.controller import Controller, Reads, Values
 from agents.rollout import Rollout
-from mm_gym import MovingMassVectorEnv, SceneError
+from mm_gym import MovingMassVectorEnv, Scene, SceneError
 from mm_gym.analysis import spring_energy
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.control.controller import Controller, Reads
-    from mm_gym import Scene
-
-    Values = NDArray[np.float64]
 
 FREQUENCY = "excitation.0.frequency"  # the field of a scene that is unknown where it is drawn
 

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import control
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
-from numpy.typing import NDArray
 
-from agents.control.controller import Acted, Controller, Info, Memory, Observation
+from agents.control.controller import Acted, Controller, Info, Memory, Observation, Values
 from agents.control.observed_state import Frame
 from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.lqg import require_detectable
@@ -18,8 +17,6 @@ from agents.controllers.lqr import hidden_mode, state_weight
 from agents.controllers.registry import Entry, without_weight
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.errors import suggest
-
-Array = NDArray[np.float64]
 
 NOISE = 0.3
 """Size of the sensors' noise over each channel's scale: it is weighed against the disturbance."""
@@ -35,10 +32,10 @@ DOUBLINGS = 30  # of the bound, until one is kept
 class Matrices(NamedTuple):
     """A linear system A, B, C, D: of one control step, or after `bilinear` of continuous time."""
 
-    A: Array
-    B: Array
-    C: Array
-    D: Array
+    A: Values
+    B: Values
+    C: Values
+    D: Values
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Controller, Info, Memory, Observation
+from agents.control.controller import Acted, Controller, Info, Memory, Observation, Values
 from agents.control.observed_state import Frame
 from agents.control.scene import STATES, drawn_but, force_weight, plant_of, require_number
 from agents.controllers.lqr import (
@@ -21,8 +21,6 @@ from agents.controllers.lqr import (
 )
 from agents.controllers.registry import Entry, Free, Tunable, unless, without_weight
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
-
-Array = NDArray[np.float64]
 
 UNMODELLED = 1e-3
 """Of what else disturbs the motion in a step over the objective's scales [-], by default."""
@@ -52,9 +50,9 @@ class LQGDesign:
     # The sampled plant with lag, delay and the noise's filters among its states.
     system: LinearSystem
     regulated: tuple[int, ...]  # states that the cost depends on, and that are fed back
-    gain: Array  # (n,) [N per unit]; zero for all other states
-    filters: Array  # (steps, n, p): the gain in each step, of which the last is the stationary one
-    error: Array  # (n, n): stationary covariance of the estimate's error
+    gain: Values  # (n,) [N per unit]; zero for all other states
+    filters: Values  # (steps, n, p): the gain in each step, of which the last is the stationary one
+    error: Values  # (n, n): stationary covariance of the estimate's error
     cost: float  # expected mean of -reward per step [-], in the long run and without limits
 
 
@@ -105,7 +103,7 @@ def design_lqg(
 
 def design_filter(
     scene: Scene, at: dict[str, float] | None = None, unmodelled: float = 1e-3
-) -> tuple[LinearSystem, Array]:
+) -> tuple[LinearSystem, Values]:
     """Return the plant that nothing actuates, and the stationary gain (n, p) of its Kalman filter.
 
     Fields can be changed, by dotted name, as a stretch; phases of harmonics wander. Raise
@@ -132,7 +130,7 @@ def design_filter(
 
 def regulator(
     plant: Plant, scene: Scene, at: dict[str, float] | None, system: LinearSystem
-) -> tuple[tuple[int, ...], Array, Array, float]:
+) -> tuple[tuple[int, ...], Values, Values, float]:
     """Return what regulates a system.
 
     That are the states that the cost depends on, the gain on all states, P, and the curvature of
@@ -177,7 +175,7 @@ def regulator(
     return regulated, gain, riccati, curvature
 
 
-def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Array:
+def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Values:
     """Return the weight (n + 1, n + 1) of the states named, at a step's end, and of the force.
 
     A force with a lag is one of the states, and its acceleration is of what it then is.
@@ -217,14 +215,14 @@ def _with_wandering_phases(scene: Scene, system: LinearSystem) -> LinearSystem:
     return replace(system, A=a, process_noise=noise)
 
 
-def _unmodelled(scene: Scene, part: float, size: int) -> Array:
+def _unmodelled(scene: Scene, part: float, size: int) -> Values:
     scales = scene.objective
     spread = np.zeros(size)
     spread[:2], spread[2:4] = scales.displacement_scale, scales.velocity_scale
     return (part * spread) ** 2
 
 
-def _initial(scene: Scene, system: LinearSystem) -> Array:
+def _initial(scene: Scene, system: LinearSystem) -> Values:
     """Return the covariance of the state when an episode begins."""
     ranges = scene.initial
     spreads = [
@@ -259,7 +257,7 @@ def _initial(scene: Scene, system: LinearSystem) -> Array:
     return copies @ covariance @ copies.T
 
 
-def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Array:
+def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Values:
     """Return the size of each state: without it the equations lose their digits."""
     objective, actuator = scene.objective, scene.actuation.force
     sizes = {"x": objective.displacement_scale, "v": objective.velocity_scale}
@@ -279,11 +277,11 @@ def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Array:
 def _filter(
     system: LinearSystem,
     regulated: NDArray[np.bool_],
-    covariances: tuple[Array, Array, Array],
+    covariances: tuple[Values, Values, Values],
     *,
-    units: tuple[Array, Array],
+    units: tuple[Values, Values],
     steps: int,
-) -> tuple[Array, Array]:
+) -> tuple[Values, Values]:
     """Return the filter's gains in an episode's first steps, and the stationary error.
 
     States that neither an output nor a motion in the cost depends on, as those of a sphere without
@@ -308,13 +306,13 @@ def _filter(
         msg = "the filter has no stabilising solution: no noise moves a mode that does not decay"
         raise DesignError(msg)
 
-    def updated(before: Array) -> tuple[Array, Array]:
+    def updated(before: Values) -> tuple[Values, Values]:
         gain = np.linalg.solve(c @ before @ c.T + sensors, c @ before).T
         left = np.eye(len(a)) - gain @ c
         return gain, left @ before @ left.T + gain @ sensors @ gain.T  # Joseph's form
 
     last, error = updated(np.asarray(stationary))
-    gains: list[Array] = []
+    gains: list[Values] = []
     for _ in range(min(steps, MOST_NUMBERS // last.size)):
         gain, after = updated(covariance)
         gains.append(gain)
@@ -326,7 +324,7 @@ def _filter(
     return filters * x[:, None] / y, spread * outer
 
 
-def require_detectable(a: Array, c: Array) -> None:
+def require_detectable(a: Values, c: Values) -> None:
     """Raise `DesignError` if the outputs do not show a mode that does not decay."""
     eigenvalue = hidden_mode(a, c)
     if eigenvalue is not None:
@@ -366,11 +364,11 @@ class LQG(Controller):
         force = np.clip(force, -self.limit, self.limit)
         return force[:, None] / self.limit, {"step": step + 1, "estimate": estimate}
 
-    def further_force(self, estimate: Array) -> Array | float:
+    def further_force(self, estimate: Values) -> Values | float:
         """Return what is added to the regulator's force [N]."""
         return 0.0
 
-    def note(self, memory: Memory, action: Array) -> Memory:
+    def note(self, memory: Memory, action: Values) -> Memory:
         system = self.design.system
         estimate = memory["estimate"] @ system.A.T + self.limit * action * system.B[:, 0]
         return {**memory, "estimate": estimate}
@@ -397,7 +395,7 @@ class WeightedLQG(LQG):
         self.motion = [names.index(name) for name in STATES]
         self.numbers, self.rail = dict(numbers), scene.objective.rail_half_length or np.inf
 
-    def further_force(self, estimate: Array) -> Array:
+    def further_force(self, estimate: Values) -> Values:
         """Return the force (lanes,) that keeps off the ends of the rail [N]."""
         x1, x2, v1, v2 = estimate[:, self.motion].T
         soon, numbers = x2 - x1 + self.numbers["ahead"] * (v2 - v1), self.numbers

@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.control.controller import Reads
+from agents.control.controller import Reads, Values
 from agents.evaluation.aggregates import (
     Estimate,
     cost_estimate,
@@ -22,8 +21,6 @@ from agents.evaluation.measure import TaskResult
 from agents.evaluation.scores import read_scores
 from agents.scoring import tail_mean
 from mm_gym import Scene
-
-Array = NDArray[np.float64]
 
 THRESHOLDS = np.linspace(-0.5, 1.1, 65)  # scores at which the performance profile is taken
 
@@ -59,7 +56,7 @@ class Overall:
     mean: Estimate  # interquartile mean of its scores
     # (thresholds, 3): the fraction of its scores that is greater than each of `THRESHOLDS`, with
     # the ends of the 95 % interval.
-    profile: Array
+    profile: Values
     improvement: Mapping[str, float]  # label -> probability that it does better than another
 
 
@@ -105,7 +102,7 @@ def conclude(
     return Comparison(episodes, tables, results, overall)
 
 
-def scores_of(means: Array, constant: Array, ratio: float) -> Array:
+def scores_of(means: Values, constant: Values, ratio: float) -> Values:
     """Return the scores of mean penalties, with those of the best constant in the same episodes.
 
     J_best found is the given ratio times J_constant: both are of the committed episodes, which
@@ -114,12 +111,12 @@ def scores_of(means: Array, constant: Array, ratio: float) -> Array:
     return (1.0 - np.sqrt(means / constant)) / (1.0 - ratio)
 
 
-def _table(result: TaskResult, drawn: Array, ratio: float | None) -> list[Row]:
+def _table(result: TaskResult, drawn: Values, ratio: float | None) -> list[Row]:
     rows = [_row(result, k, drawn, ratio) for k in range(len(result.labels))]
     return sorted(rows, key=lambda row: row.cost.value)
 
 
-def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
+def _row(result: TaskResult, k: int, drawn: Values, ratio: float | None) -> Row:
     sample, reference = result.sample, result.reference
     own, seeds = sample.penalties[k], sample.penalties.shape[1]
     trained = bool(sample.trained[k])
@@ -148,7 +145,7 @@ def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
     )
 
 
-def _change(result: TaskResult, k: int, drawn: Array) -> Estimate | None:
+def _change(result: TaskResult, k: int, drawn: Values) -> Estimate | None:
     """Return how a controller's cost differs from that of the reference in the same episodes."""
     sample, reference = result.sample, result.compared
     if k == reference or not drawn[reference].all():
@@ -165,7 +162,7 @@ def _change(result: TaskResult, k: int, drawn: Array) -> Estimate | None:
 
 
 def _overall(
-    results: Sequence[TaskResult], resampled: Sequence[Array], ratios: Sequence[float]
+    results: Sequence[TaskResult], resampled: Sequence[Values], ratios: Sequence[float]
 ) -> list[Overall]:
     """Return the aggregates of the controllers that were on all tasks."""
     indices = {
@@ -175,8 +172,8 @@ def _overall(
     }
     if all(result.chosen is not None for result in results):
         indices[CHOSEN] = [result.chosen or 0 for result in results]
-    scores: dict[str, Array] = {}
-    drawn: dict[str, Array] = {}
+    scores: dict[str, Values] = {}
+    drawn: dict[str, Values] = {}
     for label, rows in indices.items():
         measured, resamples = [], []
         for result, draws, ratio, k in zip(results, resampled, ratios, rows, strict=True):
@@ -209,6 +206,6 @@ def _overall(
     return sorted(found, key=lambda one: -one.mean.value)
 
 
-def _profile(scores: Array, drawn: Array) -> Array:
+def _profile(scores: Values, drawn: Values) -> Values:
     ends = np.percentile(performance_profile(drawn, THRESHOLDS), (2.5, 97.5), axis=0)
     return np.column_stack([performance_profile(scores, THRESHOLDS), *ends])

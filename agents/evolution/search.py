@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from agents.control.controller import Values
 from agents.controllers.searched import cma_strategy
 from agents.evolution.network_kernel import forward
 from agents.network.files import Arrays
@@ -35,8 +36,6 @@ from agents.training.scales import Scales
 from agents.training.search import Search
 from agents.training.starts import IN_WORDS, start_of
 from mm_gym import Episodes, MovingMassVectorEnv, Scene
-
-Values = NDArray[np.float64]
 
 
 class EvolveSettings(SearchSettings):
@@ -263,4 +262,3 @@ class Evolution(Search):
 
 
 Single = NDArray[np.float32]
-Values = NDArray[np.float64]

@@ -1,16 +1,13 @@
 """Controllers as policies, which C, ONNX and NumPy files are written from."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.control.controller import Controller
+from agents.control.controller import Controller, Values
 from agents.controllers.lqg import LQG, state_units
 from agents.network.layers import Clip, Dense, Regulator, Residual
 from agents.network.policy import Policy
 from agents.training.parts import base_controller
 from mm_gym import MovingMassVectorEnv, Scene, SceneError, compile_scene
-
-Values = NDArray[np.float64]
 
 SMALL = 2.0**-14
 """Observation whose action is not clipped; a power of two, which single precision has exactly."""

@@ -1,18 +1,12 @@
 """A policy as a module of torch: the same layers over tensors, whose gradients torch finds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from agents.network.layers import every, run
 from agents.network.policy import Policy
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 
 class Module(nn.Module):

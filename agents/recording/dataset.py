@@ -5,14 +5,12 @@ A dataset is a folder, ``<namespace>/<name>-v<version>``, below ``~/.minari/data
 does not list, and renamed.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gymnasium.error import DependencyNotInstalled
 
@@ -29,12 +27,10 @@ except ImportError as error:
 
 from collections.abc import Iterable
 
+import gymnasium
+
 from agents.errors import DatasetError
 from agents.recording.episodes import Episode
-
-if TYPE_CHECKING:
-    import gymnasium
-
 
 _ID = re.compile(
     r"(?P<name>(?:[-_\w]{2,}/(?:[-_\w]+/)*)?[-_\w]+?)(?:-v(?P<version>\d+))?", re.ASCII

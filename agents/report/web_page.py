@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
+from agents.control.controller import Values
 from agents.evaluation.conclusions import Comparison, Row
 from agents.evaluation.contestants import Episodes, Field
 from agents.evaluation.measure import Studies, TaskResult
@@ -23,7 +23,6 @@ from mm_gym import Scene
 from mm_gym.drawing import ACTUATORS, COLOURS
 from mm_gym.tasks import short_name
 
-Array = NDArray[np.float64]
 Points = list[float | None]
 
 LARGEST = 5 * 2**20  # size that a page stays below [bytes]
@@ -166,7 +165,7 @@ def _median_episode(result: TaskResult) -> int:
     return int(np.argsort(penalties)[penalties.size // 2])
 
 
-def _points(values: Array) -> Points:
+def _points(values: Values) -> Points:
     return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
 
 
@@ -174,7 +173,7 @@ def _responses(scene: Scene, found: Sequence[Motions], episode: int) -> Group:
     shown = slice(0, SHOWN + 1)
     time = _points(found[0].time[shown])
 
-    def panel(curves: Sequence[Array], label: str, *, held: bool = False) -> Panel:
+    def panel(curves: Sequence[Values], label: str, *, held: bool = False) -> Panel:
         return Panel(time, [_points(one[shown]) for one in curves], "time [s]", label, held=held)
 
     panels = [

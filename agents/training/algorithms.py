@@ -1,27 +1,21 @@
 """Untrained models of Stable-Baselines3 and sb3-contrib, made from a run's settings."""
 
-from __future__ import annotations
-
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from gymnasium.error import DependencyNotInstalled
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import VecEnv
 
 from agents.training import algorithm_settings as kinds
+from agents.training.algorithm_settings import AlgorithmSettings
+from agents.training.config import TrainSettings
 from agents.training.parts import NO_BASE
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.vec_env import VecEnv
-
-    from agents.training.algorithm_settings import AlgorithmSettings
-    from agents.training.config import TrainSettings
 
 CLASSES = {
     "ppo": ("stable_baselines3", "PPO"),

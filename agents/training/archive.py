@@ -1,28 +1,20 @@
 """Stable-Baselines3's models and archives: policies taken from them."""
 
-from __future__ import annotations
-
 import io
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from stable_baselines3 import PPO
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.torch_layers import FlattenExtractor
-from torch import nn
+from torch import Tensor, nn
 
+from agents.control.controller import Values
 from agents.network.files import check_archive
 from agents.policies import Policy, PolicyError, network
 from mm_gym import SceneError
 from mm_gym.files import read_bytes
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from torch import Tensor
-
-    Values = NDArray[np.float64]
 
 LARGEST = 2**30
 """Of an archive [bytes], and of what it unpacks to: with its optimiser it has three times the

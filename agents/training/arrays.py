@@ -1,25 +1,19 @@
 """The file from which a run continues, in one npz archive of arrays: reading it runs no code."""
 
-from __future__ import annotations
-
 import io
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.network.files import arrays_in
 from agents.training.runs import RunError
 from mm_gym import SceneError
 from mm_gym.files import read_bytes, write_bytes
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    Arrays = dict[str, NDArray[np.generic]]
+Arrays = dict[str, NDArray[np.generic]]
 
 LARGEST = 4 * 2**30
 """Of a checkpoint [bytes]: a replay buffer of some ten million steps."""

@@ -1,8 +1,6 @@
 """The best classical controller of a scene, than which no search returns a worse agent."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
@@ -10,10 +8,7 @@ from gymnasium.error import DependencyNotInstalled
 from agents.controllers.registry import RANDOM, laws
 from agents.controllers.tuned import NOT_SCORED
 from agents.scoring import VALIDATION_EPISODES, validation_cost
-from mm_gym import ActionError, MovingMassVectorEnv
-
-if TYPE_CHECKING:
-    from mm_gym import Scene
+from mm_gym import ActionError, MovingMassVectorEnv, Scene
 
 PLANS = "predictive-control"
 """The controller that plans anew in each control step: it takes minutes on the validation

@@ -7,25 +7,19 @@ times, the progress bar, and tensorboard's log, which shows steps twice that a k
 after its last checkpoint.
 """
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 
 from agents.network.files import check_shapes
-from agents.training.arrays import part_of
-
-if TYPE_CHECKING:
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.buffers import ReplayBuffer
-
-    from agents.training.arrays import Arrays
-    from agents.training.lanes import TrainingLanes
+from agents.training.arrays import Arrays, part_of
+from agents.training.lanes import TrainingLanes
 
 REPLAYED = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 """Arrays of a replay buffer, (steps, lanes, ...)."""

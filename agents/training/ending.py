@@ -5,20 +5,16 @@ from __future__ import annotations
 import json
 import math
 import os
-from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 
 from agents.control.feedback import Feedback, TrueState
 from agents.controllers.constant import no_control
 from agents.scoring import validation_cost
-from agents.training.runs import read_as
+from agents.training.progress import Progress
+from agents.training.runs import Run, read_as
+from mm_gym import Scene
 from mm_gym.files import write_text
-
-if TYPE_CHECKING:
-    from agents.training.progress import Progress
-    from agents.training.runs import Run
-    from mm_gym import Scene
 
 ROUND_OFF = 1e-4
 """Relative difference of costs that counts as none: some are of networks in single precision."""

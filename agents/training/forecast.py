@@ -6,20 +6,10 @@ the past has few states: those combinations of the past that tell most of the fu
 1975). They are fitted to simulated episodes when a search begins, in a tenth of a second.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from mm_gym import MovingMassVectorEnv
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym import Scene
-
-    Values = NDArray[np.float64]
+from agents.control.controller import Values
+from mm_gym import MovingMassVectorEnv, Scene
 
 LANES, STEPS, SEED = 64, 300, 3_000_000
 """Episodes and control steps that are simulated, apart from those of any evaluation."""

@@ -1,26 +1,18 @@
 """The lanes in which a policy is trained: their seeds and their state."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import TransformReward
+from numpy.typing import NDArray
 
 from agents.training.arrays import part_of
-from agents.training.config import SEED_BITS, training_seeds
+from agents.training.config import SEED_BITS, TrainSettings, training_seeds
+from agents.training.parts import Parts
 from agents.training.residual_lanes import ResidualLanes
 from mm_gym.sb3 import VectorEnvAdapter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from agents.training.config import TrainSettings
-    from agents.training.parts import Parts
 
 
 class TrainingLanes(VectorEnvAdapter):

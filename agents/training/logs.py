@@ -1,18 +1,14 @@
 """Logs that TensorBoard shows, written without torch."""
 
-from __future__ import annotations
-
 import os
 import time
-from typing import TYPE_CHECKING, Self
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Self
 
 from tensorboard.compat.proto.event_pb2 import Event
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
 
 FOLDER = "tensorboard"
 """Of logs, in the folder of a run."""

@@ -1,21 +1,14 @@
 """What a scene states that does not fit its own motion: scales, noise and the control step."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from agents.control.scene import plant_of
 from agents.controllers.constant import uncontrolled
 from agents.controllers.lqg import OF_ACTUATORS
 from agents.rollout import Rollout
+from agents.training.config import RunSettings
 from agents.training.scales import LANES, SEED
-from mm_gym import MovingMassVectorEnv
-
-if TYPE_CHECKING:
-    from agents.training.config import RunSettings
-    from mm_gym import Scene
+from mm_gym import MovingMassVectorEnv, Scene
 
 FITS = 0.01, 100.0
 """Least and largest root mean square of an observed channel without control."""

@@ -1,21 +1,14 @@
 """A network's parameters as one vector, in the order of the kernel; and the policy they make."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from agents.control.controller import Values
+from agents.policies import Policy
 from agents.training.scales import Scales
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.policies import Policy
-    from agents.training.starts import Start
-
-    Values = NDArray[np.float64]
+from agents.training.starts import Start
 
 WEIGHT, OUTPUT, DIRECT = 0.5, 0.3, 0.5
 """Size of the changes of a hidden unit's weights, of its part in the action, and of direct weights,

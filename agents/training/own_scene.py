@@ -6,23 +6,18 @@ exploration at a third of the force drowns a controller that uses a twentieth of
 of 0.97 forgets within a sixth of a period where a period has two hundred control steps.
 """
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.control.scene import plant_of
 from agents.training.algorithm_settings import PPOSettings
 from agents.training.best import best_controller
+from agents.training.config import TrainSettings
 from agents.training.parts import NO_BASE, base_controller
+from agents.training.runs import Run
 from agents.training.scales import LEAST, size_of_actions
-
-if TYPE_CHECKING:
-    from agents.training.config import TrainSettings
-    from agents.training.runs import Run
-    from mm_gym import Scene
+from mm_gym import Scene
 
 PERIODS = 2.0
 """Of the slowest mode that are looked ahead."""

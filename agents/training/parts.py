@@ -1,27 +1,18 @@
 """The scene, the base and the reward of a run, made from its settings."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from agents.control.controller import Controller
 from agents.controllers.learned import Learned, Residual
 from agents.controllers.registry import laws, not_a_law
 from agents.controllers.user_defined import user_defined
-from agents.policies import PolicyError, load_policy
+from agents.policies import AnyPolicy, PolicyError, load_policy
+from agents.training.config import TrainSettings
 from agents.training.ending import read_ending
-from mm_gym import DesignError, SceneError, rewarded
+from agents.training.runs import Run
+from mm_gym import DesignError, Scene, SceneError, rewarded
 from mm_gym.user_code import is_path
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from agents.control.controller import Controller
-    from agents.policies import AnyPolicy
-    from agents.training.config import TrainSettings
-    from agents.training.runs import Run
-    from mm_gym import Scene
-
 
 NO_BASE = "none"
 """What asks for an agent that is added to no controller."""

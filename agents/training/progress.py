@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
-from agents.training.arrays import check_like, part_of
-from agents.training.runs import METRICS, TIMES
+from agents.training.arrays import Arrays, check_like, part_of
+from agents.training.runs import METRICS, TIMES, Run
 from mm_gym.files import write_csv
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.training.arrays import Arrays
-    from agents.training.runs import Run
 
 
 class Progress:

@@ -6,43 +6,35 @@ import signal
 import threading
 import time
 import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from tqdm import TqdmExperimentalWarning
 
 from agents.policies import policy_in
 from agents.scoring import validation_cost
 from agents.training.algorithms import algorithm_class, make_model
 from agents.training.archive import policy_of
-from agents.training.arrays import damage_named, load_checkpoint, save_checkpoint
+from agents.training.arrays import Arrays, damage_named, load_checkpoint, save_checkpoint
 from agents.training.checkpoint import restore, state_of
+from agents.training.config import TrainSettings
 from agents.training.ending import Ending, told_part
 from agents.training.lanes import make_lanes
 from agents.training.logs import FOLDER as LOGS
 from agents.training.logs import VALIDATION
 from agents.training.own_scene import for_own_scene
-from agents.training.parts import make_parts
+from agents.training.parts import Parts, make_parts
 from agents.training.progress import Progress
+from agents.training.runs import Run
 from mm_gym.files import write_bytes
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.vec_env import VecEnv
-
-    from agents.training.arrays import Arrays
-    from agents.training.config import TrainSettings
-    from agents.training.parts import Parts
-    from agents.training.runs import Run
-
-    Report = Callable[[int, float], None]
+Report = Callable[[int, float], None]
 
 UNIT = "control step"
 """What is counted."""

@@ -1,25 +1,18 @@
 """Lanes in which an agent adds to a base's action, wherever in time their episodes begin."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.spaces import Box
-from gymnasium.vector import VectorWrapper
+from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
-from agents.control.controller import chosen, joined, part
+from agents.control.controller import Controller, Memory, Values, chosen, joined, part
 from agents.controllers.learned import observed
-from agents.training.arrays import check_like
+from agents.training.arrays import Arrays, check_like
 
 if TYPE_CHECKING:
-    from gymnasium.vector import VectorEnv
-    from numpy.typing import NDArray
-
-    from agents.control.controller import Controller, Memory, Values
-    from agents.training.arrays import Arrays
-
     Wrapper = VectorWrapper[Any, Any, Any, Any, Any]
 else:  # a class without parameters before Gymnasium 1.4
     Wrapper = VectorWrapper

@@ -1,21 +1,22 @@
 """The folder of a run: everything needed to repeat it."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os
 import platform
 import reprlib
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast
 
 from filelock import lock_descriptor
 from pydantic import BaseModel, Field, JsonValue, ValidationError
 
+from agents.control.controller import Values
+from agents.training.config import RunSettings
 from mm_gym import Scene, SceneError
 from mm_gym.files import (
     delete_partial,
@@ -26,16 +27,6 @@ from mm_gym.files import (
     write_text,
 )
 from mm_gym.scene import with_absolute_records, with_relative_records
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from agents.training.config import RunSettings
-
-    Values = NDArray[np.float64]
 
 Settings = TypeVar("Settings", bound="RunSettings")
 Contents = TypeVar("Contents", bound=BaseModel)

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.control.controller import Acted, Controller, Info, Memory, Observation, Values
 from agents.controllers.learned import Learned
 from agents.rollout import Rollout
-from mm_gym import ActionError, MovingMassVectorEnv
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.control.controller import Acted, Controller, Info, Memory, Observation
-    from agents.training.starts import Start
-    from mm_gym import Scene
-
-    Values = NDArray[np.float64]
+from agents.training.starts import Start
+from mm_gym import ActionError, MovingMassVectorEnv, Scene
 
 LANES, SEED = 32, 5_000_000
 """Episodes in which sizes are measured, apart from those of any evaluation."""

@@ -1,35 +1,31 @@
 """A search of a policy, round by round, that any kill leaves resumable."""
 
-from __future__ import annotations
-
 import math
 import sys
 import time
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from tqdm import tqdm
 
 from agents.controllers.learned import Learned
+from agents.policies import AnyPolicy
 from agents.scoring import validation_cost
 from agents.training.arrays import (
+    Arrays,
     check_like,
     damage_named,
     load_checkpoint,
     save_checkpoint,
 )
 from agents.training.best import best_controller
+from agents.training.config import TimedSettings
 from agents.training.ending import Ending, told_part
 from agents.training.logs import VALIDATION, Log
 from agents.training.progress import Progress
+from agents.training.runs import Run
 from agents.training.starts import without_control
-
-if TYPE_CHECKING:
-    from agents.policies import AnyPolicy
-    from agents.training.arrays import Arrays
-    from agents.training.config import TimedSettings
-    from agents.training.runs import Run
-    from mm_gym import Scene
+from mm_gym import Scene
 
 BETWEEN_SAVES = 5.0
 """Time between checkpoints [s]."""

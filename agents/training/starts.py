@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.control.actuators import Command
+from agents.control.controller import Values
 from agents.control.observed_state import ROWS
 from agents.control.scene import plant_of
 from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clipped_lqr
@@ -20,19 +22,10 @@ from agents.controllers.lqg import design_filter, design_lqg, state_units
 from agents.controllers.lqr import LQR
 from agents.policies import Policy, network
 from agents.scoring import validation_cost
+from agents.training.config import LawName, SearchSettings
 from agents.training.forecast import force_memory
-from mm_gym import ActionError, CompileError, DesignError, compile_scene
+from mm_gym import ActionError, CompileError, DesignError, Scene, compile_scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import NDArray
-
-    from agents.training.config import LawName, SearchSettings
-    from mm_gym import Scene
-
-    Values = NDArray[np.float64]
 
 FLOOR = 1e-3
 """Of a correlation unit's denominator, see `agents.network.layers.Correlation`."""

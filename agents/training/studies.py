@@ -5,32 +5,26 @@ before it. So one that a killed process was busy with is repeated at its place, 
 work on one study never draw the same.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import sqlite3
 import warnings
 import zlib
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import optuna
+from optuna import Study, Trial
+from optuna.distributions import BaseDistribution
 from optuna.samplers import BaseSampler, TPESampler
 from optuna.storages import RDBStorage, RetryHeartbeatStaleTrialCallback
-from optuna.trial import TrialState
+from optuna.trial import FrozenTrial, TrialState
 
 from agents.training.runs import RunError
 from mm_gym import SceneError
 from mm_gym.files import read_beginning
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from optuna import Study, Trial
-    from optuna.distributions import BaseDistribution
-    from optuna.trial import FrozenTrial
 
 HEARTBEAT, GRACE = 15, 60
 """Seconds between two signs of life of a trial, and without one after which it is repeated."""

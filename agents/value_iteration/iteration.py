@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from agents.control.actuators import Actuators, require_stable_rest
+from agents.control.controller import Values
 from agents.control.scene import require_actuator
 from agents.controllers.lqr import state_weight
 from agents.network.files import LARGEST, Arrays
@@ -326,6 +327,3 @@ class ValueIteration(Search):
     def _restore(self, arrays: Arrays) -> None:
         self.rounds = int(arrays["values/rounds"])
         self.values, self.expected = arrays["values/values"], arrays["values/expected"]
-
-
-Values = NDArray[np.float64]
