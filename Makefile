@@ -15,6 +15,9 @@ COMPILER_TESTS := tests/packaging/test_cache_trouble.py tests/packaging/test_cac
 WORDS := docs/replaced_words.txt
 CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl
 
+# The many processes that tests start load byte code instead of making it.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-slow test-browser test-processors test-clients $(CLIENTS) test-numba check docs bench tasks results clean
 .DELETE_ON_ERROR:
 .PRECIOUS: .venv-numba-%/.installed

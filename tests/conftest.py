@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import gc
 import sys
 
 from hypothesis import HealthCheck, settings
@@ -14,6 +15,10 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("repeatable")
+
+# The compiler makes millions of small objects, and every one of numba's defaults' many collections
+# looks at all that live: a tenth of the processor time.
+gc.set_threshold(50_000, 20, 20)
 
 # The modes and owners of files that it is about are Unix's: Windows has access lists.
 collect_ignore = ["packaging/test_cache_trust.py"] if sys.platform == "win32" else []

@@ -207,6 +207,7 @@ class Law(ClippedVoltage):
 SMALL = {"candidates": 4, "episodes": 4, "generations": 2, "evaluations": 1, "threads": 1}
 
 
+@pytest.mark.usefixtures("untuned")
 def test_agents_are_evaluated_and_evolved(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.toml").write_text(TASK)

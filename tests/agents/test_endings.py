@@ -123,6 +123,7 @@ def test_searches_of_one_task_do_not_take_each_others_folder(lines_of):
     assert {folder.name for folder in Path("runs").iterdir()} == names
 
 
+@pytest.mark.usefixtures("untuned")
 class TestLateNoisyFrame:
     """Where the natural controller of a force is worse than no control."""
 

@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.controllers.registry import laws
-from agents.scoring import validation_cost
-from agents.training.best import Best
 from agents.training.parts import base_controller
 from agents.training.runs import Run
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, load_scene
+
+pytestmark = pytest.mark.usefixtures("untuned")
 
 SCENE = """
 [interface]
@@ -74,13 +73,7 @@ def folder(tmp_path, monkeypatch):
         np.savetxt(place / "motions" / f"m{k}.csv", rows, "%.17g", delimiter=",")
     write(place)
     monkeypatch.chdir(place)
-    for module in ("search", "own_scene"):  # tuning all controllers is not what is tested here
-        monkeypatch.setattr(f"agents.training.{module}.best_controller", without_control)
     return place
-
-
-def without_control(scene, **_):
-    return Best("no-control", validation_cost(scene, laws(scene)["no-control"](scene)))
 
 
 def write(place, files=LIST, scale=PEAK):

@@ -7,7 +7,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector
 from tasks import HYBRID
 
-from mm_gym import MovingMassEnv, MovingMassVectorEnv
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene
+from mm_gym.env.outputs import action_space, observation_space
 
 LANES, STEPS = 3, 30
 # Bounded observations, for what rescales them; episodes that end at a limit, and after 9 steps.
@@ -15,7 +16,7 @@ SCENE = HYBRID.replace(
     sensors={"channels": ["stretch", "applied_force"], "history": 2},
     **{"objective.displacement_limit": 0.0006, "control.steps": 9},
 )
-SINGLE = MovingMassEnv(SCENE)
+PLANT = compile_scene(SCENE)
 
 ARGUMENTS = {
     "ArrayConversion": {"env_xp": np, "target_xp": np},
@@ -44,12 +45,12 @@ ARGUMENTS = {
     "VectorizeTransformAction": {
         "wrapper": wrappers.TransformAction,
         "func": np.negative,
-        "action_space": SINGLE.action_space,
+        "action_space": action_space(PLANT),
     },
     "VectorizeTransformObservation": {
         "wrapper": wrappers.TransformObservation,
         "func": np.negative,
-        "observation_space": SINGLE.observation_space,
+        "observation_space": observation_space(PLANT),
     },
     "VectorizeTransformReward": {"wrapper": wrappers.TransformReward, "func": np.negative},
 }
