@@ -12,7 +12,7 @@ from agents.commands.sweep import sweep
 from agents.errors import command
 from agents.report import published
 from agents.report.results_figures import draw_results
-from agents.report.results_page import page
+from agents.report.results_page import page, with_others
 from agents.sweeps.on_task import on_task, trainings_of
 from agents.sweeps.trials import SweepSettings, result_file
 from agents.training.runs import Run
@@ -30,7 +30,7 @@ class ResultsSettings(SweepSettings):
     """the page; its figures are written to a folder of its name, and next to it the folder
     ``policies`` with the policy of the median seed of every row, and the page ``published.md``"""
     page: bool = True
-    """write the page; without it the policies alone are published"""
+    """write the page; without it the policies are published, and the page tells of them alone"""
 
 
 @command
@@ -47,16 +47,17 @@ def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
     if not done:
         return f"error: {folder}: no finished training here; leave --no-train out"
     tasks = {task: [t for t in done if t.task == task] for task in (trial.task for trial in done)}
-    if settings.page:
-        known = [on_task(task, trials, folder) for task, trials in tasks.items()]
-        figures = draw_results(known, out.with_suffix(""))
-        write_text(out, page(known, figures))
-        print(f"written: {out}")
-        trainings = {one.task: one.trainings for one in known}
-    else:
-        trainings = {task: trainings_of(trials, folder)[0] for task, trials in tasks.items()}
     policies, told = out.with_name(published.FOLDER.name), out.with_name(published.PAGE.name)
+    known = [on_task(task, trials, folder) for task, trials in tasks.items() if settings.page]
+    trainings = {one.task: one.trainings for one in known} or {
+        task: trainings_of(trials, folder)[0] for task, trials in tasks.items()
+    }
     found = published.publish(trainings, folder, policies, with_results=settings.page)
     write_text(told, published.page(found))
     print(f"written: {told}, {policies}/")
+    if settings.page:
+        write_text(out, page(known, draw_results(known, out.with_suffix("")), found))
+    elif out.exists():
+        write_text(out, with_others(out.read_text("utf-8"), found))
+    print(f"written: {out}")
     return None

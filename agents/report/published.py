@@ -12,7 +12,7 @@ from agents.policies import PolicyError, load_policy
 from agents.report.pages import commit, render
 from agents.scoring import evaluate
 from agents.sweeps.on_task import Trainings
-from agents.sweeps.trials import EPISODES
+from agents.sweeps.trials import EPISODES, LEARNERS, Learner
 from agents.training.parts import recorded_parts
 from agents.training.runs import Run
 from mm_gym import SceneError, load_scene
@@ -38,7 +38,7 @@ class Row(BaseModel, strict=True, allow_inf_nan=False):
     scene_digest: str
     # algorithm, seed, seeds: what it was trained by; its seed is that of the median cost among so
     # many
-    algorithm: str
+    algorithm: Learner
     seed: int
     seeds: int
     # cost, least, most: its cost on the held-out episodes, and those of the best and the worst seed
@@ -52,21 +52,24 @@ class Row(BaseModel, strict=True, allow_inf_nan=False):
     # base, authority: the controller that it is added to, if any, and how much it may change
     base: str | None = None
     authority: float = 0.0
+    # Whether it is of the trainings of the page of results; what scored it
+    with_results: bool
+    scored: str
 
     @property
     def name(self) -> str:
         """Its task and algorithm, in words."""
         return f"{short_name(self.task)}, {self.algorithm}"
 
+    @property
+    def span(self) -> str:
+        """The costs of the best and the worst seed, as pages have them."""
+        return f"{printed(self.least)} to {printed(self.most)}"
+
 
 class Published(BaseModel, strict=True):
-    """What ``published.json`` holds: the policies, and what scored them."""
+    """What ``published.json`` holds."""
 
-    with_results: bool  # whether they are of the trainings of the page of results
-    # commit, python, machine: what scored them
-    commit: str
-    python: str
-    machine: str
     rows: list[Row]  # the policies
 
 
@@ -75,16 +78,24 @@ def publish(
 ) -> Published:
     """Write the policy of the median seed of every task and algorithm, and the record of them.
 
+    What was published before stays for a task and an algorithm that have no training here.
+
     Parameters
     ----------
     known
         Task -> its trainings; the runs are in a folder, under the names of the results.
     runs, folder
-        Where the runs are, and where the policies go. Other policies there are deleted.
+        Where the runs are, and where the policies go. Policies of no row there are deleted.
     with_results
         Whether the page of results is written of the same trainings.
     """
-    rows: list[Row] = []
+    rows: dict[tuple[str, str], Row] = {}
+    if (folder / RECORD).exists():
+        for row in read_published(folder).rows:
+            still = row.with_results and not with_results  # a new page is of the trainings here
+            rows[row.task, row.algorithm] = row.model_copy(update={"with_results": still})
+    machine = f"{platform.machine()}, {platform.system()}, Python {platform.python_version()}"
+    scored = f"{machine}, commit {commit()}"
     for task, of_task in known.items():
         for trainings in of_task:
             chosen = trainings.results[trainings.median]
@@ -94,7 +105,7 @@ def publish(
             fits = len(content) <= LARGEST
             if fits:
                 write_bytes(folder / name, content)
-            row = Row(
+            rows[task, trainings.algorithm] = Row(
                 task=task,
                 scene_digest=record["scene_digest"],
                 algorithm=trainings.algorithm,
@@ -107,20 +118,16 @@ def publish(
                 file=name if fits else None,
                 base=record["settings"].get("base"),
                 authority=record["settings"].get("authority", 0.0),
+                with_results=with_results,
+                scored=scored,
             )
-            rows.append(row)
-    kept = {row.file for row in rows}
+    kept = {row.file for row in rows.values()}
     for other in folder.glob("*.*"):
         if other.suffix in {".safetensors", ".npz"} and other.name not in kept:
             other.unlink()
-    machine = f"{platform.machine()}, {platform.system()}"
-    found = Published(
-        with_results=with_results,
-        commit=commit(),
-        python=platform.python_version(),
-        machine=machine,
-        rows=rows,
-    )
+    tasks = list(dict.fromkeys(task for task, _ in rows))
+    places = sorted(rows, key=lambda place: (tasks.index(place[0]), LEARNERS.index(place[1])))
+    found = Published(rows=[rows[place] for place in places])
     write_text(folder / RECORD, json.dumps(found.model_dump(), indent=1) + "\n")
     return found
 
@@ -161,24 +168,36 @@ def scored_again(published: Published, folder: Path = FOLDER) -> Iterator[tuple[
 
 def page(published: Published) -> str:
     """Return the page of the published policies, ``docs/published.md``."""
+    found = published.rows
     rows = [
         [
             short_name(row.task),
             row.algorithm,
             printed(row.cost),
-            f"{printed(row.least)} to {printed(row.most)}",
+            row.span,
             str(row.seeds),
             str(row.seed),
             f"{row.size / 1000.0:.1f}",
             f"`{row.file}`" if row.file else "left out: too large",
         ]
-        for row in published.rows
+        for row in found
     ]
     return render(
         "published",
         rows=rows,
         largest=LARGEST // 1000,
         episodes=EPISODES,
-        published=published,
-        left_out=any(row.file is None for row in published.rows),
+        scored=list(dict.fromkeys(row.scored for row in found)),
+        others=[row.name for row in found if not row.with_results],
+        missing=_missing(found),
+        left_out=any(row.file is None for row in found),
     )
+
+
+def _missing(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the tasks on which an algorithm has no policy, and another algorithm has one."""
+    known = {(row.algorithm, short_name(row.task)) for row in rows}
+    tasks = list(dict.fromkeys(short_name(row.task) for row in rows))
+    algorithms = sorted({row.algorithm for row in rows}, key=LEARNERS.index)
+    lacking = {name: [task for task in tasks if (name, task) not in known] for name in algorithms}
+    return {name: ", ".join(of_name) for name, of_name in lacking.items() if of_name}

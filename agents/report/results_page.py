@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.headroom import CLASSICAL
 from agents.report.pages import percent, render
+from agents.report.published import Published, printed
 from agents.scoring import tail_mean
 from agents.sweeps.on_task import (
     OnTask,
@@ -20,6 +21,7 @@ from agents.sweeps.on_task import (
     improvement,
     middle_cost,
 )
+from agents.sweeps.trials import LEARNERS
 from mm_gym import compile_scene, load_scene
 from mm_gym.tasks import ids, short_name
 
@@ -31,10 +33,16 @@ COMPARED = {
 """Row of the costs -> roles in `docs/task_scores.json`."""
 
 
-def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
+DETAILS = 8  # columns of the table of seeds, of which no other table has so many
+OTHERS = "## Other trainings"
+"""Heading of the last section, which is that of the published policies of other trainings."""
+
+
+def page(known: Sequence[OnTask], figures: Sequence[Path], published: Published) -> str:
     """Return the page, with figures that are in a folder next to it."""
     trained = {one.task for one in known}
     counts = {(one.name, t.algorithm): len(t.costs) for one, t in _each(known)}
+    details = _details(known)
     with_slopes = [one for one in known if one.slopes is not None]
     channels = [compile_scene(load_scene(one.task)).observed for one in with_slopes[-1:]]
     return render(
@@ -45,7 +53,7 @@ def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
         algorithms=algorithms_of(known),
         names=[one.name for one in known],
         costs=_costs(known),
-        details=_details(known),
+        details=details,
         most=max(counts.values()),
         fewer=_fewer(known, counts),
         energy=_energy(known),
@@ -53,8 +61,35 @@ def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
         channels=[channel.name for found in channels for channel in found],
         slopes=_slopes(with_slopes),
         failures=_failures(known),
+        **_others(published, details),
         **{path.stem: f"{path.parent.name}/{path.name}" for path in figures},
     )
+
+
+def with_others(text: str, published: Published) -> str:
+    """Return a written page with its last section anew: what was trained apart from its tables."""
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("|")]
+    kept, _, _ = text.partition(OTHERS)
+    section = render("others", **_others(published, [row for row in rows if len(row) == DETAILS]))
+    return kept.rstrip("\n") + "\n\n" + section
+
+
+def _others(published: Published, details: Sequence[Sequence[str]]) -> dict[str, object]:
+    """Return the data of the last section: the published rows, and those of the page's tables."""
+    above = {(task, name): (seeds, span) for task, _, name, seeds, span, *_ in details}
+    others = [row for row in published.rows if not row.with_results]
+    rows: list[list[str]] = []
+    outside: list[str] = []
+    for row in others:
+        seeds, span = above.get((short_name(row.task), row.algorithm), ("0", "-"))
+        told = [short_name(row.task), row.algorithm, str(row.seeds), printed(row.cost), row.span]
+        rows.append([*told, span, seeds])
+        least, _, most = span.partition(" to ")
+        if most and not float(least) <= float(printed(row.cost)) <= float(most):
+            known = f"the table above has {span} (seeds: {seeds})"
+            outside.append(f"{row.name}: {printed(row.cost)}; {known}")
+    new = {row.algorithm for row in others} - {name for _, name in above}
+    return {"others": rows, "outside": outside, "new": sorted(new, key=LEARNERS.index)}
 
 
 def _span(found: Estimate, digits: int = 4) -> str:

@@ -15,11 +15,14 @@ from agents.report.published import (
     RECORD,
     page,
     printed,
+    publish,
     read_published,
     scored_again,
 )
+from agents.report.results_page import with_others
 from mm_gym import SceneError
 
+RESULTS = PAGE.with_name("results.md")
 RECORDED = read_published()
 
 
@@ -41,6 +44,37 @@ def change(folder, **fields):
 
 def test_page_is_made_of_the_record():
     assert PAGE.read_text(encoding="utf-8") == page(RECORDED)
+
+
+def test_page_of_results_has_what_was_trained_apart():
+    text = RESULTS.read_text(encoding="utf-8")
+    assert with_others(text, RECORDED) == text
+
+
+def test_cost_outside_the_range_of_the_page_of_results_is_named():
+    text, row = RESULTS.read_text(encoding="utf-8"), RECORDED.rows[0]
+    for cost, named in ((row.cost, False), (0.5, True)):
+        changed = row.model_copy(update={"cost": cost, "with_results": False})
+        found = with_others(text, RECORDED.model_copy(update={"rows": [changed]}))
+        assert (f"- {row.name}: {printed(cost)}; the table above has 0." in found) is named
+
+
+def test_what_has_no_training_here_stays_published(folder):
+    change(folder, with_results=True)
+    before, first = read_published(folder), RECORDED.rows[0]
+    assert publish({}, folder, folder, with_results=False) == before == read_published(folder)
+    (row,) = publish({}, folder, folder, with_results=True).rows
+    assert row == first.model_copy(update={"with_results": False})
+    assert (folder / first.file).read_bytes() == (FOLDER / first.file).read_bytes()
+
+
+def test_page_names_what_is_not_published():
+    one, *_, other = RECORDED.rows
+    assert one.task != other.task
+    assert one.algorithm != other.algorithm
+    found = page(RECORDED.model_copy(update={"rows": [one, other]}))
+    for row, lacking in ((one, other), (other, one)):
+        assert f"- {row.algorithm}: {lacking.name.partition(',')[0]}.\n" in found
 
 
 def test_folder_holds_the_policies_of_the_record_and_each_is_small():

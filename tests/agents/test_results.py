@@ -132,7 +132,7 @@ class TestCommand:
 
         record = read_published(tmp_path / "policies")
         (row,) = record.rows
-        assert record.with_results
+        assert row.with_results
         assert (row.seeds, row.cost) == (2, min(costs))  # of two, the better is the median
         assert (row.least, row.most) == (min(costs), max(costs))
         ((again, cost),) = scored_again(record, tmp_path / "policies")
@@ -147,7 +147,9 @@ class TestCommand:
         assert (tmp_path / "page.md").read_text() == text
         monkeypatch.setattr("agents.report.published.LARGEST", 10)
         assert call("--no-train", "--no-page") is None
-        assert (tmp_path / "page.md").read_text() == text
+        told, _, others = (tmp_path / "page.md").read_text().partition("\n## Other trainings\n")
+        assert told == text
+        assert f"| CarriageForce | evolution | 2 | {min(costs):.4f} | {details[5]} |" in others
         assert "left out: too large" in (tmp_path / "published.md").read_text()
         assert not list((tmp_path / "policies").glob("*.safetensors"))
 
