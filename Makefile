@@ -26,10 +26,10 @@ demo: $(INSTALLED)
 	$(RUN) -m agents demo
 
 test: $(INSTALLED)
-	$(RUN) -m pytest -n auto --dist loadfile -m "not slow and not browser"
+	$(RUN) -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow and not browser"
 
 test-slow: $(INSTALLED)
-	$(RUN) -m pytest -n auto --dist loadfile -m "not browser"
+	$(RUN) -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not browser"
 
 # The web page of a report, and equations of the site, in Chromium.
 test-browser: $(INSTALLED)

@@ -13,7 +13,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 OUTPUT = ROOT / ".processors"
-TESTS = ["-m", "pytest", "-n", "auto", "--dist", "loadfile", "-m", "not slow and not browser", "-q"]
+WORDS = "-m pytest -n auto --dist loadfile --no-loadscope-reorder -q -m"
+TESTS = [*WORDS.split(), "not slow and not browser"]
 BUSY = 8
 SETTINGS = {
     "plain": {},
