@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.gradient.episodes import Episodes
+from agents.gradient.episodes import MOST, Episodes
 from agents.gradient.network import (
     Network,
     hold_stable,
@@ -21,7 +21,7 @@ from agents.gradient.network import (
     policy_of,
     with_oscillators,
 )
-from agents.gradient.settings import AVERAGED, FIRST, SECOND, fitted, schedule
+from agents.gradient.settings import AVERAGED, FIRST, SECOND, STEEPEST, fitted, schedule
 from agents.network.layers import UNIT
 from agents.training.arrays import part_of
 from agents.training.config import training_seeds
@@ -93,7 +93,7 @@ class Descent(Search):
         start.units[:, UNIT.index("floor")] = settings.floor
         self.start = evolved.policy(evolved.first(generator))
         count = self.fitted.episodes
-        self.episodes = Episodes(scene, count)
+        self.episodes = Episodes(scene, count, STEEPEST if own and self.odd else MOST)
         self.network = Network(self.start, scene.control.steps, count)
         self.mean = parameters_of(self.start)
         self.sizes = _sizes(scales, start)

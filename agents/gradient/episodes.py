@@ -29,7 +29,7 @@ APPLIED = {"applied_force": "force"} | {name: name for name in ("stretch", "damp
 """Channel -> name of the actuator that it shows."""
 
 MOST = 10.0
-"""Largest slope of a lane over the median of all lanes."""
+"""Largest slope of a lane over the median of all lanes, by default."""
 
 
 class Episodes:
@@ -38,7 +38,7 @@ class Episodes:
     A slope of the cost over the motion is carried back by the Jacobians of the control steps.
     Parametric springs can pump energy: near a switching law slopes grow without bound from step to
     step, in few lanes by many orders of magnitude. So they fade by a factor in each step, which
-    forgets what an action does long after, and no lane has more than `MOST` times the median.
+    forgets what an action does long after, and no lane has more than `most` times the median.
 
     Parameters
     ----------
@@ -46,6 +46,8 @@ class Episodes:
         The scene.
     lanes
         Number of episodes.
+    most
+        Largest slope of a lane over the median of all lanes.
 
     Raises
     ------
@@ -53,12 +55,12 @@ class Episodes:
         If an episode may end early, or the motion has no weight.
     """
 
-    def __init__(self, scene: Scene, lanes: int) -> None:
+    def __init__(self, scene: Scene, lanes: int, most: float = MOST) -> None:
         objective = scene.objective
         if objective.displacement_limit or objective.rail_half_length:
             msg = "objective: gradients need episodes that do not end early; remove its limits"
             raise DesignError(msg)
-        self.lanes, self.steps = lanes, scene.control.steps
+        self.lanes, self.steps, self.most = lanes, scene.control.steps, most
         self.env = MovingMassVectorEnv(scene, lanes, autoreset_mode="Disabled", info="none")
         self._begin(range(lanes))
         self.shown = _shown(self.env, self.physics)
@@ -127,7 +129,7 @@ class Episodes:
             Factor in each step.
         feedback
             Part of the slopes over the observations that is followed to the motion they show. With
-            1, no fading, and `MOST` out of reach, the gradient is exact.
+            1, no fading, and `most` out of reach, the gradient is exact.
         inwards
             Whether an action that was clipped has the slope on the inner side of its limit where
             that leads back inside. The exact slope is zero: what always asks for too much never
@@ -156,7 +158,7 @@ class Episodes:
             action = np.einsum("lij,il->jl", by_action, state)
             action += part * self.effort * self.actions[step]
             state = np.einsum("lij,il->jl", by_state, state)
-            factor = fade * _bounded(scale @ np.abs(state))
+            factor = fade * _bounded(scale @ np.abs(state), self.most)
             state *= factor
             frames *= factor
             network.fade(factor)
@@ -172,11 +174,11 @@ class Episodes:
             frames[-1] = 0.0
 
 
-def _bounded(sizes: Values) -> Values:
-    """Return the factors (lanes,) that make no size larger than `MOST` times the median."""
+def _bounded(sizes: Values, most: float) -> Values:
+    """Return the factors (lanes,) that make no size larger than so many times the median."""
     half = sizes.size // 2
-    most = max(MOST * float(np.partition(sizes, half)[half]), np.finfo(float).tiny)
-    return most / np.maximum(sizes, most)
+    largest = max(most * float(np.partition(sizes, half)[half]), np.finfo(float).tiny)
+    return largest / np.maximum(sizes, largest)
 
 
 def _shown(env: MovingMassVectorEnv, physics: Sensitivities) -> Values | None:

@@ -61,6 +61,11 @@ class GradientSettings(SearchSettings):
     folder: ClassVar[str | None] = "gradient"
 
 
+STEEPEST = 1000.0
+"""Largest slope of a lane over the median on your own scene, where a force alone acts. No spring
+pumps energy there. After a shock a lane has steeper slopes than lanes at rest, and they are true."""
+
+
 def schedule(settings: GradientSettings, done: float) -> tuple[float, float]:
     """Return the factor of the slopes in a step back, and the rate, once a part of it is done."""
     first, last = np.log(settings.first_horizon), np.log(settings.horizon)

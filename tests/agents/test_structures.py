@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from agents.controllers.constant import uncontrolled
 from agents.controllers.learned import Learned
@@ -205,6 +206,25 @@ def test_settings_of_a_descent_follow_from_the_scene_unless_asked_for():
     assert found.horizon == pytest.approx(20.0 * 200.0, rel=0.01)
     asked = GradientSettings.of({**given, "episodes": 7, "horizon": 50.0})
     assert (fitted(asked, scene).episodes, fitted(asked, scene).horizon) == (7, 50.0)
+
+
+def test_shocks_are_followed_where_only_a_force_acts():
+    small = {"law": "lqg", "hidden": 2, "oscillators": 1, "episodes": 16, "iterations": 9}
+    settings = GradientSettings.of({"scene": str(FOLDER / "hardening_mount.toml"), **small})
+    search = Descent(settings, settings.rewarded_scene())
+    network, episodes = search.network, search.episodes
+    episodes.run(network, range(16))
+
+    def gradient(most: float) -> NDArray[np.float32]:
+        episodes.most = most
+        episodes.back(network, 1.0)
+        slopes = [search.sizes[name] * slope for name, slope in network.gradient.items()]
+        return np.concatenate([slope.ravel() for slope in slopes])
+
+    own, exact, bounded = (gradient(most) for most in (episodes.most, 1e30, 10.0))
+    np.testing.assert_array_equal(own, exact)
+    # Cut to ten times the median, a shock's slopes are not those of the cost.
+    assert np.linalg.norm(bounded - exact) > 0.1 * np.linalg.norm(exact)
 
 
 def test_reinforcement_on_an_own_scene_begins_at_its_best_controller(
