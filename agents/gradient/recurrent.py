@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from agents.gradient.episodes import MOST
+from agents.gradient.network import with_oscillators
 from agents.gradient.settings import AVERAGED, FIRST, SECOND, schedule
 from agents.network.layers import (
     GRU,
@@ -48,29 +49,67 @@ MOMENTS = ("exp_avg", "exp_avg_sq")
 """What torch's Adam remembers of each parameter."""
 
 
+OPEN = float(1.0 / (1.0 + np.exp(-2.0)))
+"""Of a cell's gates at first: how much they let through, where their slope is still a tenth."""
+
+SMALL = 0.5
+"""Size of what a cell remembers at first, over that of the linear memory: a tanh is then linear."""
+
+GATES = 0.3
+"""Largest weight of a gate, of which there are as many as units, over one that counts for all."""
+
+
 def with_cell(start: Start, settings: GradientSettings, generator: np.random.Generator) -> Policy:
-    """Return the policy of a start and a recurrent cell, which has no part in the action yet."""
+    """Return the policy of a start and a recurrent cell, which has no part in the action yet.
 
-    def drawn(*shape: int, fan: int) -> Values:
-        return generator.uniform(-1.0, 1.0, shape).astype(np.float32) / np.float32(np.sqrt(fan))
+    The cell begins as a linear memory: that which predicts a random force, and oscillators. What
+    the start itself needs to remember stays in a memory of its own. Correlation units come behind
+    the cell, so that what they switch on can depend on it.
+    """
+    (r, _, shown), h, (k, _) = start.pairs.shape, settings.cell, start.direct.shape
+    n = shown - len(start.keep)
+    of_memory = start.pairs[:, :, n:], start.direct[:, 1 + n : 1 + shown], start.back
+    own = len(start.keep) if any(part.any() for part in of_memory) else 0
+    linear = with_oscillators(start, -(-h // 2), generator)
+    begun = slice(own, own + h)
+    keep, enter = linear.keep[begun, begun], np.pad(linear.enter[begun], ((0, 0), (0, own)))
 
-    (r, _, n), h, (k, _) = start.pairs.shape, settings.cell, start.direct.shape
-    inputs, m = n + r + h, len(start.keep)
-    last, direct = np.split(start.direct.astype(np.float32), [1], axis=1)
-    hidden = (
-        Dense(drawn(settings.hidden, inputs, fan=inputs), drawn(settings.hidden, fan=inputs)),
-        Activation("tanh"),
-        Dense(np.zeros((k, settings.hidden), np.float32), last[:, 0]),
+    def gates(*shape: int) -> Values:
+        return generator.uniform(-GATES, GATES, shape) / np.sqrt(h)
+
+    kept, bias = 1.0 - OPEN, np.log(OPEN / (1.0 - OPEN))
+    values, inputs = n + own, n + own + h + r
+    cell = GRU(
+        _single(np.vstack([gates(2 * h, values), SMALL / OPEN * enter])),
+        _single(np.vstack([gates(2 * h, h), (keep - kept * np.eye(h)) / OPEN**2])),
+        _single(np.repeat([bias, -bias, 0.0, 0.0], h)),
     )
-    cell = GRU(drawn(3 * h, n + r, fan=h), drawn(3 * h, h, fan=h), drawn(4 * h, fan=h))
+    last, direct = np.split(start.direct, [1], axis=1)
+    apart = slice(values, shown)  # columns of a memory that is now in the cell
+    direct = np.insert(np.delete(direct, apart, axis=1), [values] * h, 0.0, axis=1)
+    pairs = np.pad(np.delete(start.pairs, apart, axis=2), ((0, 0), (0, 0), (0, h)))
+    drawn = 1.5 / np.sqrt(inputs) * generator.standard_normal((settings.hidden, 1 + inputs))
+    hidden = (
+        Dense(_single(drawn[:, 1:]), _single(drawn[:, 0])),
+        Activation("tanh"),
+        Dense(np.zeros((k, settings.hidden), np.float32), _single(last[:, 0])),
+    )
     ends = np.ones(k, np.float32)
-    units = Correlation(start.pairs.astype(np.float32), start.units.astype(np.float32))
-    skip = Skip(hidden, np.pad(direct, ((0, 0), (0, h))))
-    layers: tuple[Layer, ...] = (units, Append((cell,)), skip, Clip(-ends, ends))
-    if m:
-        of = (array.astype(np.float32) for array in (start.keep, start.enter, start.back))
-        layers = (Observer(layers, *of),)
-    return Policy(layers, n - m)
+    units = Correlation(_single(pairs), _single(start.units))
+    layers: tuple[Layer, ...] = (
+        Append((cell,)),
+        units,
+        Skip(hidden, _single(direct)),
+        Clip(-ends, ends),
+    )
+    if own:
+        back = start.back if start.back.size else np.zeros((own, k))
+        layers = (Observer(layers, *map(_single, (start.keep, start.enter, back))),)
+    return Policy(layers, n)
+
+
+def _single(array: Values) -> NDArray[np.float32]:
+    return array.astype(np.float32)
 
 
 class RecurrentDescent(Search):
@@ -90,7 +129,7 @@ class RecurrentDescent(Search):
         super().__init__(settings, scene)
         self.settings: GradientSettings = settings
         generator = np.random.default_rng(settings.seed)
-        start = start_of(scene, settings.model_copy(update={"memory": 0}), generator)
+        start = start_of(scene, settings, generator)
         start.units[:, UNIT.index("floor")] = settings.floor
         self.began_as = IN_WORDS[start.law]
         self.episodes = Episodes(scene, settings.episodes, most=MOST)

@@ -38,7 +38,8 @@ class GradientSettings(SearchSettings):
     """oscillators of the linear memory, two states each, in addition to those that predict a
     random force"""
     cell: Annotated[int, Field(ge=0)] = 0
-    """units of a recurrent cell (GRU) instead of the linear memory, trained by torch; 0 for none"""
+    """units of a recurrent cell (GRU), which begins as the linear memory and is trained by torch; 0
+    for none"""
     episodes: Count = 256
     """episodes of an iteration, new ones in the next; for your own scene as many as have 64,000
     control steps"""
@@ -63,7 +64,7 @@ class GradientSettings(SearchSettings):
 
 STEEPEST = 1000.0
 """Largest slope of a lane over the median on your own scene, where a force alone acts. No spring
-pumps energy there. After a shock a lane has steeper slopes than lanes at rest, and they are true."""
+pumps energy there. After a shock a lane has steeper slopes than lanes at rest, and they hold."""
 
 
 def schedule(settings: GradientSettings, done: float) -> tuple[float, float]:

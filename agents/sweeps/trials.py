@@ -27,20 +27,23 @@ from mm_gym.scene import Document
 from mm_gym.tasks import ids
 
 EVOLUTION, GRADIENT, VALUES = "evolution", "gradient", "value_iteration"
-RESIDUAL = "residual"
-"""The algorithms of the commands evolve, descend and iterate, and PPO with settings of its own,
-such as the law to which it is added; the others are those of train."""
+RECURRENT, RESIDUAL = "recurrent", "residual"
+"""The algorithms of the commands evolve, descend and iterate, and descend and PPO with settings of
+their own, such as the cell and the law to which it is added; the others are those of train."""
 
-Learner: TypeAlias = Literal["evolution", "gradient", "value_iteration", "residual", Algorithm]
+Learner: TypeAlias = Literal[
+    "evolution", "gradient", "recurrent", "value_iteration", "residual", Algorithm
+]
 
 FIXED = {"task": "tasks", "algorithm": "algorithms", "seed": "seeds", "name": "name"}
 """Settings of a training that its sweep makes, and of what."""
 
-LEARNERS = (EVOLUTION, GRADIENT, VALUES, RESIDUAL, *get_args(Algorithm))
+LEARNERS = (EVOLUTION, GRADIENT, RECURRENT, VALUES, RESIDUAL, *get_args(Algorithm))
 
 SEARCHES = {
     EVOLUTION: (EvolveSettings, evolve),
     GRADIENT: (GradientSettings, descend),
+    RECURRENT: (GradientSettings, descend),
     VALUES: (IterateSettings, iterate),
 }
 """The searches by agents' own algorithms: their settings, and what runs them."""
@@ -74,7 +77,8 @@ class SweepSettings(Document):
     """registered ids, of which ``mm_gym/`` and ``-v0`` may be left out"""
     algorithms: Annotated[tuple[Learner, ...], Strict(False), Field(min_length=1)] = ("ppo",)
     """those of the command train; evolution, gradient and value_iteration, which are the commands
-    evolve, descend and iterate; residual, which is ppo with its own settings"""
+    evolve, descend and iterate; recurrent, which is gradient with its own settings, and residual,
+    which is ppo with its own settings"""
     seeds: Count = 1
     """trainings of each kind, with the seeds 0, 1, ..."""
     settings: Changes = Field(default_factory=dict[str, JsonValue])

@@ -11,10 +11,10 @@ from agents.gradient import episodes, network
 from agents.gradient.descent import descend
 from agents.gradient.episodes import Episodes
 from agents.gradient.network import Network, parameters_of, policy_of, with_oscillators
-from agents.gradient.recurrent import RecurrentDescent
+from agents.gradient.recurrent import SMALL, RecurrentDescent, with_cell
 from agents.gradient.settings import GradientSettings
 from agents.network.c_source import c_source
-from agents.network.layers import Correlation
+from agents.network.layers import GRU, Correlation
 from agents.policies import load_policy
 from agents.scoring import evaluate
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
@@ -310,6 +310,24 @@ class TestRuns:
                 descend(TINY, run)
             assert not run.finished
         assert_same_outcome(run, unbroken)
+
+    def test_cell_begins_as_the_linear_memory(self):
+        settings = TINY.model_copy(
+            update={"task": "mm_gym/PreStretchNoise-v0", "cell": 8, "extra": 0}
+        )
+        start = start_of(settings.load_scene(), settings, np.random.default_rng(0))
+        assert len(start.keep) == 4
+        linear = with_oscillators(start, 4, np.random.default_rng(1))
+        keep, enter = linear.keep[:8, :8], linear.enter[:8]
+        cell = with_cell(start, settings, np.random.default_rng(1)).find(GRU)
+        # So small that gates stay as they begin, and tanh is linear, to 1e-5 of what is remembered.
+        values = 1e-5 * np.random.default_rng(2).standard_normal((40, 1, enter.shape[1]))
+        found, want = np.zeros((1, 8), np.float32), np.zeros((1, 8))
+        for one in values:
+            _, found = cell.forward(np, one.astype(np.float32), found)
+            want = want @ keep.T + one @ enter.T
+        # Forty steps add the round-off of single precision and the gates' changes of each.
+        np.testing.assert_allclose(found, SMALL * want, rtol=0.0, atol=1e-3 * np.abs(want).max())
 
     def test_recurrent_run_interrupted_ends_as_if_unbroken_and_is_exported(
         self, tmp_path, monkeypatch

@@ -130,6 +130,18 @@ def test_search_begins_with_the_good_settings_of_the_task_but_not_on_an_own_scen
         assert trial == GradientSettings(task=good.task, scene=str(own), **name)
 
 
+def test_recurrent_is_gradient_with_settings_of_its_own():
+    settings = SweepSettings(
+        tasks=("PreStretchNoise",),
+        algorithms=("gradient", "recurrent"),
+        settings={"gradient.iterations": 4, "recurrent.cell": 3, "recurrent.iterations": 5},
+    )
+    gradient, recurrent = settings.trials()
+    assert (gradient.cell, gradient.iterations) == (0, 4)
+    assert (recurrent.cell, recurrent.iterations) == (3, 5)
+    assert recurrent.hidden == gradient.hidden > GradientSettings().hidden  # of the task's file
+
+
 def test_residual_is_ppo_around_a_law_and_each_table_goes_over_the_one_before():
     common = {"steps": 10, "ppo": {"epochs": 3}}
     settings = SweepSettings(
