@@ -124,6 +124,18 @@ def describe_pictures(app: Sphinx, doctree: nodes.document, page: str) -> None:
                 picture.replace_self(nodes.container("", picture.deepcopy(), classes=["picture"]))
 
 
+def keep_numbers_whole(_app: Sphinx, doctree: nodes.document, _page: str) -> None:
+    """Keep browsers from breaking 1e-14 after its sign."""
+    for text in list(doctree.findall(nodes.Text)):
+        pieces = re.split(r"(?<![\w.])(\d[\d.]*e-\d+)", text)
+        if len(pieces) > 1 and isinstance(text.parent, nodes.paragraph | nodes.emphasis):
+            parts = [
+                nodes.inline("", piece, classes=["number"]) if index % 2 else nodes.Text(piece)
+                for index, piece in enumerate(pieces)
+            ]
+            text.parent.replace(text, parts)
+
+
 def check_links(app: Sphinx, error: Exception | None) -> None:
     """End the build with an error where a link leads nowhere, or a page loads from elsewhere."""
     wrong = [] if error or app.builder.format != "html" else broken(Path(app.outdir))
@@ -136,6 +148,7 @@ def setup(app: Sphinx) -> None:
     app.connect("autodoc-process-docstring", prepare)
     app.connect("autodoc-skip-member", is_position)
     app.connect("doctree-resolved", describe_pictures)
+    app.connect("doctree-resolved", keep_numbers_whole)
     app.connect("build-finished", check_links)
     animate_tasks()
     (HERE / "reference" / "scene-fields.md").write_text(scene_fields(), encoding="utf-8")
