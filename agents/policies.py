@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from agents.network.files import ENDINGS, LARGEST, PolicyError, read_content
 from agents.network.interface import Interface
@@ -17,9 +17,8 @@ from agents.network.old_files import old_policy
 from agents.network.policy import FORMAT, Policy, network, policy_of
 from agents.value_table.policy import TablePolicy, is_table, table_policy
 from mm_gym import DesignError, SceneError
+from mm_gym.arrays import Array
 from mm_gym.files import read_bytes
-
-Values = NDArray[np.float64]
 
 __all__ = [
     "ENDINGS",
@@ -45,9 +44,9 @@ class Deployed:
         self.policy, self.interface = policy, interface
         self.zero = np.array([channel.zero for channel in interface.channels])
         self.factor = np.array([channel.factor for channel in interface.channels])
-        self.frames: Values | None = None
+        self.frames: Array | None = None
 
-    def act_si(self, measured: ArrayLike, t: float) -> Values:
+    def act_si(self, measured: ArrayLike, t: float) -> Array:
         """Return the commands (k,), in the units of `Interface.commands`.
 
         Raise `DesignError` if an episode does not begin at 0.

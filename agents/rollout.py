@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import Controller, Values
+from agents.control.controller import Controller
 from mm_gym import MovingMassVectorEnv
+from mm_gym.arrays import Array, Single
 
 
 class Step(NamedTuple):
@@ -15,8 +16,8 @@ class Step(NamedTuple):
 
     action: NDArray[np.floating[Any]]  # (lanes, k) as the environment was given it
     # observation, reward, terminated, truncated, info: as the environment returned them
-    observation: NDArray[np.float32]
-    reward: Values
+    observation: Single
+    reward: Array
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]
     info: dict[str, Any]
@@ -51,7 +52,7 @@ class Rollout:
         *,
         seed: int | Sequence[int],
         options: Mapping[str, Any] | None = None,
-        changed: Callable[[Values], NDArray[np.floating[Any]]] | None = None,
+        changed: Callable[[Array], NDArray[np.floating[Any]]] | None = None,
     ) -> None:
         self.env, self.controller, self.changed = env, controller, changed
         seeds = seed if isinstance(seed, int) else list(seed)

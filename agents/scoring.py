@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.control.controller import Controller, Reads, Values
+from agents.control.controller import Controller, Reads
 from agents.rollout import Rollout
 from mm_gym import MovingMassVectorEnv, Scene, SceneError
 from mm_gym.analysis import spring_energy
+from mm_gym.arrays import Array
 
 FREQUENCY = "excitation.0.frequency"  # the field of a scene that is unknown where it is drawn
 
@@ -29,19 +29,19 @@ class Evaluation:
     reads: Reads  # what it read: "observation", "full state" or "episode"
     # (episodes,) mean of -reward over the horizon of each, with the terminal cost of an early end
     # [-]; see `evaluate`.
-    penalties: NDArray[np.float64]
-    returns: NDArray[np.float64]  # (episodes,) sum of the rewards of each [-]
+    penalties: Array
+    returns: Array  # (episodes,) sum of the rewards of each [-]
     # (episodes,) [rad/s] of the first excitation, or None where its field is not randomised.
-    frequency: NDArray[np.float64] | None
+    frequency: Array | None
     # time, displacement, applied: (steps,) [s]; (steps, episodes) x1 /
     # objective.displacement_scale; (steps, episodes, k) what the actuators reached. After an early
     # end they keep their last values.
-    time: NDArray[np.float64]
-    displacement: NDArray[np.float64]
-    applied: NDArray[np.float64]
+    time: Array
+    displacement: Array
+    applied: Array
     # (episodes,) energy that changing the stretch put in [J], see `SpringWork`; None where the
     # stretch is not actuated.
-    injected: NDArray[np.float64] | None
+    injected: Array | None
 
     @property
     def cost(self) -> float:
@@ -52,7 +52,7 @@ class Evaluation:
         return float(np.sqrt(np.mean(self.penalties)))
 
     @property
-    def episode_costs(self) -> NDArray[np.float64]:
+    def episode_costs(self) -> Array:
         """(episodes,) the same of each episode [-]."""
         return np.sqrt(self.penalties)
 
@@ -62,7 +62,7 @@ class Evaluation:
         return float(np.sqrt(np.mean(self.displacement**2)))
 
     @property
-    def episode_rms(self) -> NDArray[np.float64]:
+    def episode_rms(self) -> Array:
         """(episodes,) the same of each episode [-]."""
         return np.sqrt(np.mean(self.displacement**2, axis=0))
 
@@ -75,7 +75,7 @@ class SpringWork:
         self.stiffness = env.drawn("springs.stiffness")
         self.lengths = env.drawn("springs.rest_length") if finite else np.zeros(env.num_envs)
 
-    def injected(self, offset: Values, stretch: Values) -> Values:
+    def injected(self, offset: Array, stretch: Array) -> Array:
         """Return the most that stretching has given by any time, less what it has taken [J].
 
         Changing the stretch at an offset does the work by which the springs' energy jumps. Its sum
@@ -96,7 +96,7 @@ class SpringWork:
         return np.maximum(np.cumsum(work, axis=0).max(axis=0), 0.0)
 
 
-def spread_frequency(scene: Scene, episodes: int, blocks: int = 1) -> dict[str, Values]:
+def spread_frequency(scene: Scene, episodes: int, blocks: int = 1) -> dict[str, Array]:
     """Return the options of a reset that spread an unknown frequency evenly over its band.
 
     It is spread in each block of the episodes anew; there are no options if it is known.
@@ -196,7 +196,7 @@ def evaluate(
     )
 
 
-def tail_mean(values: Values, part: float = 0.1) -> Values:
+def tail_mean(values: Array, part: float = 0.1) -> Array:
     """Return the mean (...) of the largest part of values (..., n), of at least one: the CVaR."""
     count = values.shape[-1]
     largest = max(1, round(part * count))

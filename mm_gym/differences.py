@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.lanes import layout
@@ -14,8 +14,6 @@ from mm_gym.scene.scene import Scene
 from mm_gym.sensitivity import Sensitivities
 from mm_gym.step.channels import CHANNELS
 from mm_gym.step.task import state_cost, state_weights
-
-Array = NDArray[np.float64]
 
 
 def difference_steps(scene: Scene, lanes: Sensitivities) -> Array:

@@ -23,8 +23,9 @@ from pathlib import Path
 from typing import NoReturn, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SceneError, refuse, suggest
 
 MOST_BYTES = 2**16  # largest text file; a scene takes one or two thousand bytes
@@ -190,9 +191,7 @@ def _finite(text: str) -> float:
     return value if math.isfinite(value) else _refuse_constant(text[:40])
 
 
-def read_columns(
-    path: str | PathLike[str], header: Sequence[str], *, most: int = 2**24
-) -> NDArray[np.float64]:
+def read_columns(path: str | PathLike[str], header: Sequence[str], *, most: int = 2**24) -> Array:
     """Return the columns (columns, rows) of finite numbers that `write_csv` wrote.
 
     Raises

@@ -37,8 +37,6 @@ from mm_gym.scene.scene import Scene
 if TYPE_CHECKING:
     from torch import Tensor
 
-Array = NDArray[np.float64]
-
 
 def step(
     plant: Plant,

@@ -19,7 +19,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
 from agents.control.controller import Controller
 from agents.errors import command
@@ -37,6 +36,7 @@ from agents.evaluation.headroom import (
 from agents.evaluation.scores import SCORES, read_scores
 from agents.network.files import numbers, read_array
 from mm_gym import Scene, SceneError, compile_scene, load_scene
+from mm_gym.arrays import Array
 from mm_gym.files import write_bytes, write_text
 from mm_gym.tasks import ids, path_of, task_called
 
@@ -92,7 +92,7 @@ def score(
     return rows
 
 
-def _kept_plans(file: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _kept_plans(file: Path, shape: tuple[int, ...]) -> Array:
     """Return the plans of an earlier search; raise `SceneError` if they are not of the scene."""
     try:
         return numbers({"plans": read_array(file, most=MOST_BYTES)}, "plans", shape)

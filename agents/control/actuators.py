@@ -5,10 +5,10 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from scipy.linalg import expm
 
-from agents.control.controller import Values
 from agents.control.scene import nominal, plant_of, require_actuator, require_number
 from mm_gym import DesignError, Scene
 from mm_gym.analysis import spring_stiffness
+from mm_gym.arrays import Array
 
 FIELD = "carriage.linear_coefficient"
 
@@ -54,7 +54,7 @@ class Actuators:
         )
         self.middle, self.half = 0.5 * (self.high + self.low), 0.5 * (self.high - self.low)
 
-    def reached(self, actions: Values, applied: Values, asked: Values) -> tuple[Values, Values]:
+    def reached(self, actions: Array, applied: Array, asked: Array) -> tuple[Array, Array]:
         """Return what the actuators reach and the values commanded so far, (lanes, k) both.
 
         Parameters
@@ -105,11 +105,11 @@ class Command:
         self.travel = float(actuators.travel[self.column])
         self.is_rate = bool(actuators.is_rate[self.column])
 
-    def present(self, applied: Values) -> Values:
+    def present(self, applied: Array) -> Array:
         """Return the values (lanes,) among what the actuators have (lanes, k)."""
         return applied[:, self.column]
 
-    def __call__(self, wanted: Values, present: Values) -> Values:
+    def __call__(self, wanted: Array, present: Array) -> Array:
         """Return actions (lanes, 1) towards values (lanes,) from the present ones (lanes,).
 
         A wanted value beyond the actuator's range stands for the end of the range.
@@ -174,7 +174,7 @@ class Lead:
         )
         self.transitions = expm((last + share[:, None, None] * (first - last)) * self.time)
 
-    def __call__(self, state: Values, present: Values) -> Values:
+    def __call__(self, state: Array, present: Array) -> Array:
         """Return the states (lanes, 4) ahead, from those now and the stretches or dampings now."""
         if self.time == 0.0:
             return state
@@ -213,15 +213,15 @@ class Damper:
         self.present = self.command.present
         self.of_interface = scene.actuation.damped == "interface.damping"
 
-    def velocity(self, state: Values) -> Values:
+    def velocity(self, state: Array) -> Array:
         """Return the relative velocities (lanes,) [m/s] of the damper's ends."""
         return state[:, 3] - state[:, 2] if self.of_interface else state[:, 2]
 
-    def stroke(self, state: Values) -> Values:
+    def stroke(self, state: Array) -> Array:
         """Return the relative displacements (lanes,) [m] of the damper's ends."""
         return state[:, 1] - state[:, 0] if self.of_interface else state[:, 0]
 
-    def towards(self, force: Values, velocity: Values, present: Values) -> Values:
+    def towards(self, force: Array, velocity: Array, present: Array) -> Array:
         """Return actions (lanes, 1) towards forces (lanes,) [N], positive as the velocities are."""
         low, high = self.command.low, self.command.high
         agree = force * velocity > 0.0
@@ -254,7 +254,7 @@ class MagnetorheologicalDamper:
         bend = self.values["gamma"] + self.values["beta"]  # 0: never yields
         self.bound = np.sqrt(self.values["gain"] / max(bend, np.finfo(np.float64).tiny))
 
-    def force(self, state: Values, voltage: Values) -> Values:
+    def force(self, state: Array, voltage: Array) -> Array:
         offset, slip = state[:, 1] - state[:, 0], state[:, 3] - state[:, 2]
         parallel, series, hysteresis = (
             self.values[name] + self.values[f"{name}_per_volt"] * voltage
@@ -265,7 +265,7 @@ class MagnetorheologicalDamper:
         pressed = offset - self.values["accumulator_offset"]
         return series * flow + self.values["accumulator_stiffness"] * pressed
 
-    def towards(self, force: Values, state: Values, present: Values) -> Values:
+    def towards(self, force: Array, state: Array, present: Array) -> Array:
         """Return actions (lanes, 1) towards forces (lanes,) [N] on the carriage.
 
         The voltage is the greatest where the damper's force has the sign of the wanted one and is

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym import MovingMassVectorEnv
-
-Values: TypeAlias = NDArray[np.float64]
+from mm_gym.arrays import Array, Single
 
 Memory: TypeAlias = dict[str, NDArray[Any]]
 """All that an episode leaves in a controller: arrays by name, whose first axis is the lanes.
@@ -17,10 +16,10 @@ Memories are not changed: a step returns a new one. So lanes can be taken out, b
 written to a file without knowing the controller.
 """
 
-Acted: TypeAlias = tuple[Values, Memory]
+Acted: TypeAlias = tuple[Array, Memory]
 """Actions (lanes, k), or what leads to them, and the memory then."""
 
-Observation: TypeAlias = NDArray[np.float32]
+Observation: TypeAlias = Single
 Info: TypeAlias = dict[str, Any]
 
 Reads: TypeAlias = Literal["observation", "full state", "episode"]
@@ -57,7 +56,7 @@ class Controller(ABC):
             observation.
         """
 
-    def note(self, memory: Memory, action: Values) -> Memory:
+    def note(self, memory: Memory, action: Array) -> Memory:
         """Return the memory after actions (lanes, k), which need not be those proposed."""
         return memory
 
@@ -81,7 +80,7 @@ class Law(ABC):
         return {}
 
     @abstractmethod
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         """Return actions (lanes, k), which are clipped to [-1, 1] afterwards, and the memory.
 
         Parameters
@@ -111,11 +110,11 @@ class StateSource(Protocol):
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Values, Values, Memory]:
+    ) -> tuple[Array, Array, Memory]:
         """Return the states (lanes, 4), what the actuators have (lanes, k), and the memory."""
         ...
 
-    def note(self, memory: Memory, action: Values) -> Memory:
+    def note(self, memory: Memory, action: Array) -> Memory:
         """Return the memory after the actions (lanes, k) that were chosen."""
         ...
 
@@ -131,6 +130,6 @@ def part(memory: Memory, name: str) -> Memory:
     return {key.removeprefix(begin): memory[key] for key in memory if key.startswith(begin)}
 
 
-def chosen(lanes: NDArray[np.bool_], where: Values, elsewhere: Values) -> Values:
+def chosen(lanes: NDArray[np.bool_], where: Array, elsewhere: Array) -> Array:
     """Return rows of one array in the lanes that are chosen, and of another elsewhere."""
     return np.where(lanes.reshape(-1, *[1] * (where.ndim - 1)), where, elsewhere)

@@ -4,10 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
-from agents.control.controller import Memory, Values
+from agents.control.controller import Memory
 from agents.control.model import Innovation, Model
 from agents.control.scene import drawn_but, plant_of
 from mm_gym import MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array
 
 LANES, STEPS, SEED = 64, 200, 3_000_000
 """Episodes and control steps that are simulated, apart from those of any evaluation."""
@@ -16,7 +17,7 @@ LEAST = 1e-5  # least standard deviation of a state's disturbance in a step over
 ORDER = 8  # past forces from which the next is predicted
 
 
-def deviations(scene: Scene) -> Values:
+def deviations(scene: Scene) -> Array:
     """Return by how much states differ from the model's prediction after a control step.
 
     They are (steps, lanes, 4), of simulated episodes with zero action.
@@ -42,20 +43,20 @@ def deviations(scene: Scene) -> Values:
     return differences
 
 
-def covariance(scene: Scene) -> Values:
+def covariance(scene: Scene) -> Array:
     """Return the covariance (4, 4) of what a control step adds to the model's prediction."""
     flat = deviations(scene).reshape(-1, 4)
     return flat.T @ flat / len(flat) + np.diag((LEAST * state_scales(scene)) ** 2)
 
 
-def state_scales(scene: Scene) -> Values:
+def state_scales(scene: Scene) -> Array:
     """Return the sizes (4,) of x1, x2 [m], v1, v2 [m/s] by which they are of order one."""
     objective = scene.objective
     displacement, velocity = objective.displacement_scale, objective.velocity_scale
     return np.array([displacement, displacement, velocity, velocity])
 
 
-def prediction_weights(scene: Scene) -> Values:
+def prediction_weights(scene: Scene) -> Array:
     """Return the weights (ORDER,) of the last forces, newest first, in the prediction of the next.
 
     They are fitted by least squares to simulated episodes; see `ForceObserver`.
@@ -67,14 +68,14 @@ def prediction_weights(scene: Scene) -> Values:
     return np.linalg.lstsq(past, forces[ORDER:].ravel(), rcond=None)[0]
 
 
-def force_column(scene: Scene) -> Values:
+def force_column(scene: Scene) -> Array:
     """Return the state (4,) that a force of 1 N on the carriage leads to in a control step."""
     if scene.actuation.is_between:
         scene = scene.replace(**{"actuation.force.between": "ground"})
     return plant_of(scene).discrete()[1][:, 0]
 
 
-def force_of(column: Values, deviation: Values) -> Values:
+def force_of(column: Array, deviation: Array) -> Array:
     """Return the constant force on the carriage [N] that explains a deviation (..., 4) best."""
     return deviation @ column / (column @ column)
 
@@ -91,8 +92,8 @@ class ForceObserver:
         self.begin = self.innovation.begin
 
     def force(
-        self, memory: Memory, state: Values, applied: Values
-    ) -> tuple[Values, NDArray[np.bool_], Memory]:
+        self, memory: Memory, state: Array, applied: Array
+    ) -> tuple[Array, NDArray[np.bool_], Memory]:
         """Return the forces (lanes,) [N] of the step that led to the state.
 
         Also which are known, all but at an episode's start, where it is 0; and the memory.

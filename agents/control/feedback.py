@@ -11,12 +11,12 @@ from agents.control.controller import (
     Observation,
     Reads,
     StateSource,
-    Values,
     joined,
     part,
 )
 from agents.control.observed_state import ObservedState
 from mm_gym import MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array
 
 
 class Feedback(Controller):
@@ -44,7 +44,7 @@ class Feedback(Controller):
         action, law = self.law.action(part(memory, "law"), state, applied)
         return np.clip(action, -1.0, 1.0), joined(source=source, law=law)
 
-    def note(self, memory: Memory, action: Values) -> Memory:
+    def note(self, memory: Memory, action: Array) -> Memory:
         source = self.source.note(part(memory, "source"), action)
         return joined(source=source, law=part(memory, "law"))
 
@@ -59,10 +59,10 @@ class TrueState:
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Values, Values, Memory]:
+    ) -> tuple[Array, Array, Memory]:
         return info["state"], info["applied"], memory
 
-    def note(self, memory: Memory, action: Values) -> Memory:
+    def note(self, memory: Memory, action: Array) -> Memory:
         return memory
 
 
@@ -76,7 +76,7 @@ class Both(Law):
     def begin(self, lanes: int) -> Memory:
         return joined(**{str(k): law.begin(lanes) for k, law in enumerate(self.laws)})
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         found = [
             law.action(part(memory, str(k)), state, applied) for k, law in enumerate(self.laws)
         ]

@@ -5,9 +5,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import Memory, Values, chosen
+from agents.control.controller import Memory, chosen
 from agents.control.scene import plant_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array
 
 AMPLE = 1e3
 """Force limit of the model over all that is known to push: a disturbance enters as a force."""
@@ -70,11 +71,11 @@ class Model:
         self.own_rows = plant_of(self.scene).support.own_rows
         self.envs: dict[int, MovingMassVectorEnv] = {}
 
-    def at_rest(self, lanes: int) -> Values:
+    def at_rest(self, lanes: int) -> Array:
         """Return the interface's own states (lanes, n) with which an episode begins."""
         return np.zeros((lanes, len(self.own_rows)))
 
-    def begin(self, state: Values, own: Values | None = None) -> None:
+    def begin(self, state: Array, own: Array | None = None) -> None:
         """Begin with states (lanes, 4): x1, x2 [m], v1, v2 [m/s], and the interface's own ones.
 
         Those are (lanes, n), by default as an episode begins.
@@ -89,7 +90,7 @@ class Model:
         if not self.is_between:  # else each step begins anew
             self._reset({})
 
-    def _reset(self, fields: dict[str, Values]) -> None:
+    def _reset(self, fields: dict[str, Array]) -> None:
         x1, x2, v1, v2 = np.ascontiguousarray(self.state.T)
         self.env.reset(
             options={
@@ -102,10 +103,10 @@ class Model:
         )
         if self.own_rows:
             begun = self.env.get_state()
-            cast("Values", begun["values"])[self.own_rows] = self.own.T
+            cast("Array", begun["values"])[self.own_rows] = self.own.T
             self.env.set_state(begun)
 
-    def advance(self, applied: Values, disturbance: Values | float = 0.0) -> tuple[Values, Values]:
+    def advance(self, applied: Array, disturbance: Array | float = 0.0) -> tuple[Array, Array]:
         """Make a control step; return the states (lanes, 4) and rewards (lanes,) after it.
 
         Parameters
@@ -127,7 +128,7 @@ class Model:
         _, rewards, *_, info = self.env.step(actions)
         self.state = info["state"].copy() if self.is_between else info["state"]
         if self.own_rows:
-            self.own = cast("Values", self.env.get_state()["values"])[self.own_rows].T
+            self.own = cast("Array", self.env.get_state()["values"])[self.own_rows].T
         return info["state"], rewards
 
 
@@ -145,8 +146,8 @@ class Innovation:
         }
 
     def missed(
-        self, memory: Memory, state: Values, applied: Values
-    ) -> tuple[Values, NDArray[np.bool_], Memory]:
+        self, memory: Memory, state: Array, applied: Array
+    ) -> tuple[Array, NDArray[np.bool_], Memory]:
         """Return what the model missed (lanes, 4), which lanes have a last step, and the memory.
 
         Arguments are those of `Law.action`.

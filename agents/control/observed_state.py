@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
-from agents.control.controller import Info, Memory, Observation, Reads, Values, chosen
+from agents.control.controller import Info, Memory, Observation, Reads, chosen
 from agents.control.disturbance import covariance, state_scales
 from agents.control.model import Model
 from agents.control.scene import plant_of
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array, Single
 
 FLOOR = 1e-4
 """Least noise of a channel over its scale [-], so that the equations stay well conditioned."""
@@ -43,15 +44,15 @@ class ObservedActuators:
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Values, Values, Memory]:
+    ) -> tuple[Array, Array, Memory]:
         memory = self._seen(memory, self.frame.values(observation))
         return np.zeros((len(observation), 4)), memory["applied"], memory
 
-    def note(self, memory: Memory, action: Values) -> Memory:
+    def note(self, memory: Memory, action: Array) -> Memory:
         applied, asked = self.actuators.reached(action, memory["applied"], memory["asked"])
         return {**memory, "applied": applied, "asked": asked}
 
-    def _seen(self, memory: Memory, frame: Values) -> Memory:
+    def _seen(self, memory: Memory, frame: Array) -> Memory:
         """Count a frame; the first shows the stretch or the damping with which episodes begin."""
         first, applied, asked = memory["step"] == 0, memory["applied"], memory["asked"]
         if first.any():
@@ -115,7 +116,7 @@ class ObservedState(ObservedActuators):
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Values, Values, Memory]:
+    ) -> tuple[Array, Array, Memory]:
         frame, step = self.frame.values(observation), memory["step"]
         shown, estimate, own = frame[:, self.shown], memory["estimate"], memory["own"]
         if (step > self.delay).any():
@@ -128,14 +129,14 @@ class ObservedState(ObservedActuators):
         state = self._present(memory, np.minimum(step, self.delay))
         return state, memory["applied"], memory
 
-    def note(self, memory: Memory, action: Values) -> Memory:
+    def note(self, memory: Memory, action: Array) -> Memory:
         memory = super().note(memory, action)
         pending = np.concatenate([memory["pending"][:, 1:], memory["applied"][:, None]], axis=1)
         return {**memory, "pending": pending}
 
     def _next(
-        self, estimate: Values, own: Values, applied: Values, shown: Values
-    ) -> tuple[Values, Values]:
+        self, estimate: Array, own: Array, applied: Array, shown: Array
+    ) -> tuple[Array, Array]:
         """Return estimate and own states at the frame that has come.
 
         They are read off, or predicted and corrected.
@@ -151,7 +152,7 @@ class ObservedState(ObservedActuators):
         missed = shown - predicted @ self.c.T
         return predicted + np.einsum("nij,nj->ni", gain, missed), own
 
-    def _present(self, memory: Memory, late: NDArray[np.int64]) -> Values:
+    def _present(self, memory: Memory, late: NDArray[np.int64]) -> Array:
         """Return the state now: the newest frame's, moved on by what was applied since.
 
         That are so many steps (lanes,): an episode's first frame is not late.
@@ -176,7 +177,7 @@ class ObservedState(ObservedActuators):
             return [None]
         return [float(s) for s in np.linspace(actuator.minimum, actuator.maximum, STRETCHES)]
 
-    def _nearest(self, applied: Values) -> NDArray[np.intp]:
+    def _nearest(self, applied: Array) -> NDArray[np.intp]:
         """Return the index of each lane's stretch in the grid."""
         actuator = self.scene.actuation.stretch
         if actuator is None:
@@ -185,7 +186,7 @@ class ObservedState(ObservedActuators):
         share = (stretch - actuator.minimum) / (actuator.maximum - actuator.minimum)
         return np.rint(share * (STRETCHES - 1)).astype(np.intp)
 
-    def _gains(self) -> Values:
+    def _gains(self) -> Array:
         """Return the filter's gains (stretches, 4, channels)."""
         plant = plant_of(self.scene)
         names = ", ".join(plant.channels)
@@ -199,8 +200,8 @@ class ObservedState(ObservedActuators):
         c = self.c[:, kept] * units / self.unit[:, None]
         disturbance = covariance(self.scene)[rows] / np.outer(units, units)
         noise = np.diag((self.noise / self.unit) ** 2)
-        gains: list[Values] = []
-        self.spreads: list[Values] = []  # covariances of the estimate at the newest frame
+        gains: list[Array] = []
+        self.spreads: list[Array] = []  # covariances of the estimate at the newest frame
         for stretch in self.grid:
             a = plant.discrete(stretch)[0][rows] * units / units[:, None]
             try:
@@ -225,7 +226,7 @@ class ObservedState(ObservedActuators):
         return [0, 1, 2, 3]
 
 
-def missed_covariance(scene: Scene) -> Values:
+def missed_covariance(scene: Scene) -> Array:
     """Return what estimates add to how states differ from the model's prediction, a covariance.
 
     A step's difference has the errors of the estimates before and after it. They are taken as
@@ -290,10 +291,10 @@ class Frame:
         self.unit = np.array([1.0 / channel.factor for channel in channels])
         self.noise = np.array([channel.noise for channel in channels])
 
-    def numbers(self, observation: NDArray[np.float32]) -> Values:
+    def numbers(self, observation: Single) -> Array:
         """Return the channels (lanes, channels) as they are observed, over their scales."""
         return observation[:, self.columns].astype(np.float64)
 
-    def values(self, observation: NDArray[np.float32]) -> Values:
+    def values(self, observation: Single) -> Array:
         """Return the channels (lanes, channels) in SI units."""
         return self.numbers(observation) * self.unit + self.zero

@@ -5,9 +5,9 @@ from math import inf
 
 import numpy as np
 
-from agents.control.controller import Values
 from mm_gym import DesignError, Plant, Scene, compile_scene
 from mm_gym.analysis import spring_force
+from mm_gym.arrays import Array
 
 STATES = ("x1", "x2", "v1", "v2")
 
@@ -30,7 +30,7 @@ def nominal(scene: Scene, name: str) -> float:
     return float(np.mean(scene.range_of(name, np.inf if stated is None else stated)))
 
 
-def sphere_springs(scene: Scene) -> Callable[[Values], Values]:
+def sphere_springs(scene: Scene) -> Callable[[Array], Array]:
     """Return the springs' force [N] on the carriage over relative displacements x2 - x1 [m].
 
     The sphere feels the opposite. See (5) and (6) of docs/model.md.

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import Values
 from mm_gym import DesignError, Plant, Scene
+from mm_gym.arrays import Array
 from mm_gym.differences import central_differences, difference_steps
 from mm_gym.scene import Objective
 from mm_gym.sensitivity import Actuator, Sensitivities, expected, sweep
@@ -37,20 +37,20 @@ ENDED = 1e6  # what a plan that ends its episode early costs on top: more than a
 class Trajectory(NamedTuple):
     """What a plan does in each lane."""
 
-    motion: Values  # (steps, s, s + k, lanes): derivatives of the motion after a step
+    motion: Array  # (steps, s, s + k, lanes): derivatives of the motion after a step
     # (steps + 1, s + k, lanes): x1, x2 [m], v1, v2 [m/s], z [-] if the interface has a state of its
     # own, and what is applied [N, -].
-    states: Values
+    states: Array
     # (steps, m, 1 + s + k, lanes): what else is squared after a step, and its derivatives with
     # respect to the state then. It is what the objective weighs of what follows from the motion
     # (`Plant.scored_reactions`), and how far the motion is within the margin of its limits; m is 0
     # where there is neither.
-    reactions: Values
+    reactions: Array
     # controls, actions: (steps, k, lanes) [-]: see `Trajectories`; and what the environment is
     # given.
-    controls: Values
-    actions: Values
-    cost: Values  # (lanes,) sum of -reward [-], and the cost of what is near or beyond a limit
+    controls: Array
+    actions: Array
+    cost: Array  # (lanes,) sum of -reward [-], and the cost of what is near or beyond a limit
 
 
 class Trajectories:
@@ -127,10 +127,10 @@ class Trajectories:
             ]
         )
         self.effort = objective.effort_weight
-        self.pushes: Values | None = None
+        self.pushes: Array | None = None
         self._differences = difference_steps(scene, first)
 
-    def controls_of(self, applied: Values) -> Values:
+    def controls_of(self, applied: Array) -> Array:
         """Return the controls (steps, k, episodes) by which (steps, episodes, k) was applied."""
         values = np.moveaxis(applied, 1, 2)
         kept, step = self._limits[2:, :, None]
@@ -141,9 +141,9 @@ class Trajectories:
     def follow(
         self,
         episodes: Indices,
-        controls: Values,
+        controls: Array,
         around: Trajectory | None = None,
-        gain: Values | None = None,
+        gain: Array | None = None,
     ) -> Trajectory:
         """Return what controls (steps, k, lanes) do, lane by lane in one of the episodes.
 
@@ -183,7 +183,7 @@ class Trajectories:
         return found
 
     def improve(
-        self, episodes: Indices, controls: Values, rounds: int, stiffness: float = 1e-2
+        self, episodes: Indices, controls: Array, rounds: int, stiffness: float = 1e-2
     ) -> Trajectory:
         """Return locally better plans: Gauss-Newton with Levenberg's stiffness, lane by lane."""
         best = self.follow(episodes, controls)
@@ -204,10 +204,10 @@ class Trajectories:
             extra = np.clip(np.where(better, EASIER, HARDER) * extra, LEAST, MOST)
         return best
 
-    def _reactions(self, lanes: Values) -> Values:
+    def _reactions(self, lanes: Array) -> Array:
         """Return a step's entry of `Trajectory.reactions`."""
 
-        def squared(lanes: Values) -> Values:
+        def squared(lanes: Array) -> Array:
             return self.plant.scored_reactions(lanes, self.constants[0])
 
         rows = [*self.support.state_rows, *(actuator.row for actuator in self.actuators)]
@@ -233,14 +233,14 @@ class Trajectories:
         lanes = values[:, episodes], streams[:, episodes]
         return Sensitivities(self.support, self.constants, lanes)
 
-    def _bounded(self, controls: Values, applied: Values) -> Values:
+    def _bounded(self, controls: Array, applied: Array) -> Array:
         """Return controls within their bounds, given what is applied before the step."""
         low, high, step = self._bounds
         least = np.maximum(-1.0, (low - applied) / step)
         most = np.minimum(1.0, (high - applied) / step)
         return np.minimum(np.maximum(controls, least), most)
 
-    def _action(self, controls: Values, applied: Values) -> Values:
+    def _action(self, controls: Array, applied: Array) -> Array:
         """Return the actions (k, lanes) of controls."""
         if not self._by_change.any():
             return controls

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.control.controller import Acted, Law, Memory, Values, chosen
+from agents.control.controller import Acted, Law, Memory, chosen
 from agents.control.disturbance import covariance
 from agents.control.feedback import Feedback
 from agents.control.observed_state import missed_covariance
@@ -11,6 +11,7 @@ from agents.controllers.gain_scheduling import Schedule
 from agents.controllers.registry import Entry, without_weight
 from agents.controllers.searched import DECADES, searched
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 STIFFNESS = "carriage.stiffness"
 
@@ -67,7 +68,7 @@ class AdaptiveLQR(Law):
             "spread": spread,
         }
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         errors, spread = self._identified(memory, state, applied)
         begun = memory["begun"]
         errors = chosen(begun, errors, memory["errors"])
@@ -80,7 +81,7 @@ class AdaptiveLQR(Law):
             "spread": spread,
         }
 
-    def _identified(self, memory: Memory, state: Values, applied: Values) -> tuple[Values, Values]:
+    def _identified(self, memory: Memory, state: Array, applied: Array) -> tuple[Array, Array]:
         """Return errors (lanes, 2) and their covariance after the last step, known by its end."""
         before, errors, spread = memory["state"], memory["errors"], memory["spread"]
         predicted = before @ self.turn[2] + applied[:, 0] * self.push[2, 0]

@@ -7,7 +7,7 @@ import control
 import numpy as np
 
 from agents.control.actuators import Command, Lead, require_stable_rest
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.scene import plant_of, require_number
 from agents.controllers.lqr import LQR, state_weight
@@ -15,6 +15,7 @@ from agents.controllers.registry import Entry, Free, Tunable, without_weight
 from agents.controllers.searched import searched_pair
 from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
+from mm_gym.arrays import Array
 
 
 class ClippedLQR(Law):
@@ -44,7 +45,7 @@ class ClippedLQR(Law):
         scene: Scene,
         stretch: float,
         weight: float,
-        further: Values | None = None,
+        further: Array | None = None,
         lead: float = 1.0,
     ) -> None:
         require_stable_rest(scene, "clipped LQR")
@@ -60,12 +61,12 @@ class ClippedLQR(Law):
         gain, _, _ = control.lqr(a, internal, state, [[weight / unit**2]], method="scipy")
         self.gain = np.asarray(gain)[0]
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         present = self.command.present(applied)
         ahead = self.lead(state, present)
         return self.towards(ahead @ self.gain, ahead, present), memory
 
-    def towards(self, force: Values, state: Values, present: Values) -> Values:
+    def towards(self, force: Array, state: Array, present: Array) -> Array:
         """Return the action towards the stretch at which springs have forces (lanes,) [N]."""
         with np.errstate(divide="ignore", invalid="ignore"):
             k2 = self.k2 - np.nan_to_num(force / (state[:, 1] - state[:, 0]))
@@ -118,7 +119,7 @@ def weighted_clipped_lqr(scene: Scene, numbers: Mapping[str, float]) -> ClippedL
     return law
 
 
-def free_weights(scene: Scene, numbers: Mapping[str, float]) -> Values:
+def free_weights(scene: Scene, numbers: Mapping[str, float]) -> Array:
     """Return the weights (4, 4) of the carriage's velocity, the stroke and the slip velocity."""
     length = scene.objective.displacement_scale
     speed = length * np.sqrt(scene.carriage.stiffness / scene.carriage.mass)

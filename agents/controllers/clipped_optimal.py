@@ -9,13 +9,14 @@ from agents.control.actuators import (
     MagnetorheologicalDamper,
     Switching,
 )
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.scene import drawn_but, require_number
 from agents.controllers.lqr import design
 from agents.controllers.registry import Entry, unless
 from agents.controllers.searched import over_decades
 from agents.controllers.semi_active import SemiActive, damper_entry
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array
 
 WEIGHTS = np.linspace(-4.0, 2.0, 13)  # exponents of the weights that are tried
 
@@ -43,7 +44,7 @@ class ClippedOptimal(SemiActive):
         # Positive u accelerates the carriage: so does the interface's damper where v2 > v1.
         self.sign = -1.0 if self.device.of_interface else 1.0
 
-    def force(self, memory: Memory, state: Values) -> Values:
+    def force(self, memory: Memory, state: Array) -> Array:
         return self.sign * (state[:, self.design.states] @ self.design.gain[0])
 
 
@@ -68,7 +69,7 @@ class SharedForce(ClippedOptimal):
         self.name = f"clipped-optimal, rest by the force, weight {weight:.2g}"
         self.drive, self.actuators = Command(scene, "force"), Actuators(scene)
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         damping, memory = super().action(memory, state, applied)
         actions = np.concatenate([np.zeros_like(damping), damping], 1)
         reached, _ = self.actuators.reached(actions, applied, applied)
@@ -93,10 +94,10 @@ class ClippedVoltage(Law):
         self.name = f"clipped-optimal, on-off, weight {weight:.2g}"
         self.design = design(regulated(scene, weight))
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         return self.device.towards(self.force(state), state, self.device.present(applied)), memory
 
-    def force(self, state: Values) -> Values:
+    def force(self, state: Array) -> Array:
         return -state[:, self.design.states] @ self.design.gain[0]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Controller, Info, Law, Memory, Observation, Values
+from agents.control.controller import Acted, Controller, Info, Law, Memory, Observation
 from agents.control.feedback import Both, Feedback
 from agents.control.observed_state import ObservedActuators
 from agents.control.scene import require_number
@@ -11,6 +11,7 @@ from agents.controllers.registry import Entry
 from agents.controllers.searched import grid, searched
 from agents.scoring import VALIDATION_SEED
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 CENTRED = np.linspace(-0.5, 0.5, 17)  # forces over the force limit that are tried
 
@@ -38,7 +39,7 @@ class ConstantForce(Law):
         self.name = f"constant force {force:.3f} N" if force else "no force"
         self.value = force / command.high
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         return np.full((len(state), 1), self.value), memory
 
 
@@ -65,7 +66,7 @@ class Held(Law):
             return {}
         return {"begun": np.zeros(lanes, np.bool_), "held": np.zeros(lanes)}
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         present = self.command.present(applied)
         if self.value is not None:
             return self.command(np.full_like(present, self.value), present), memory

@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Feedback
 from agents.control.scene import nominal, require_actuator, require_number, sphere_springs
 from agents.controllers.registry import Entry, unless
 from agents.controllers.searched import searched_pair
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array
 
 RATIOS = np.linspace(0.3, 1.7, 15)
 """Frequencies of a sphere over that of the carriage on its spring that are tried."""
@@ -44,7 +45,7 @@ class EnergyShaping(Law):
         self.springs, self.limit = sphere_springs(scene), actuator.limit
         self.stiffness, self.gain = stiffness, gain
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         offset, slip = state[:, 1] - state[:, 0], state[:, 3] - state[:, 2]
         force = self.stiffness * offset - self.springs(offset) + self.gain * slip
         return np.clip(force / self.limit, -1.0, 1.0)[:, None], memory

@@ -3,11 +3,12 @@
 import numpy as np
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Feedback
 from agents.control.scene import require_number
 from agents.controllers.registry import Entry
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 
 class ExtremumSeeking(Law):
@@ -46,7 +47,7 @@ class ExtremumSeeking(Law):
         names = ("centre", "energy", "mean")
         return {"step": np.zeros(lanes, np.int64)} | {name: np.zeros(lanes) for name in names}
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         step, present = memory["step"], self.command.present(applied)
         centre = np.where(step == 0, present, memory["centre"])
         energy = (self.frequency * state[:, 0]) ** 2 + state[:, 2] ** 2

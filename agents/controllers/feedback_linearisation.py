@@ -5,11 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.scene import STATES
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Free, Tunable, without_weight
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 
 class FeedbackLinearisation(Law):
@@ -31,7 +32,7 @@ class FeedbackLinearisation(Law):
         for k, gain in zip(regulator.design.states, regulator.design.gain[0], strict=True):
             self.gain[k] = numbers[f"gain_{STATES[k]}"] * gain
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         displacement = state[:, 0] + self.ahead * state[:, 2]
         force = self.cubic * displacement**3 - state @ self.gain
         return np.clip(force / self.limit, -1.0, 1.0)[:, None], memory

@@ -6,7 +6,7 @@ import control
 import numpy as np
 from scipy.linalg import expm
 
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.clipped_lqr import (
@@ -21,6 +21,7 @@ from agents.controllers.lqg import regulator
 from agents.controllers.lqr import state_weight
 from agents.controllers.registry import Entry, Free, Tunable, unless, without_weight
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 
 class FeedforwardLQR(Law):
@@ -52,7 +53,7 @@ class FeedforwardLQR(Law):
     def begin(self, lanes: int) -> Memory:
         return self.filter.begin(lanes)
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         memory = self.filter.observe(memory, state, applied)
         force = state @ self.of_motion + memory["state"] @ self.of_filters
         return -(force + self.of_force * applied[:, 0])[:, None] / self.limit, memory
@@ -104,7 +105,7 @@ class FeedforwardClippedLQR(Law):
     def begin(self, lanes: int) -> Memory:
         return self.filter.begin(lanes)
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         memory = self.filter.observe(memory, state, applied)
         clipped, (to_motion, kept) = self.clipped, self.ahead
         present, filters = clipped.command.present(applied), memory["state"]

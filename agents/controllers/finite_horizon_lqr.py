@@ -3,11 +3,12 @@
 import numpy as np
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Feedback
 from agents.controllers.lqr import problem_of
 from agents.controllers.registry import Entry, without_weight
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array
 
 MOST_STEPS = 100_000  # longest episode: its gains are found and kept step by step
 
@@ -54,7 +55,7 @@ class FiniteHorizonLQR(Law):
     def begin(self, lanes: int) -> Memory:
         return {"step": np.zeros(lanes, np.int64)}
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         step = memory["step"]
         gain = self.gains[np.minimum(step, len(self.gains) - 1)]
         force = np.einsum("ln,ln->l", state[:, self.states], gain)

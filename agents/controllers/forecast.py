@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from agents.control.controller import Acted, Memory, Values, chosen, joined, part
+from agents.control.controller import Acted, Memory, chosen, joined, part
 from agents.control.disturbance import (
     ORDER,
     ForceObserver,
@@ -16,6 +16,7 @@ from agents.control.observed_state import missed_covariance
 from agents.control.scene import STATES, plant_of
 from agents.controllers.frequency_tracking import LinearPrediction
 from mm_gym import DesignError, LinearSystem, Scene
+from mm_gym.arrays import Array
 
 SHAPED = ("noise", "kanai_tajimi", "clough_penzien")
 """Kinds of excitation whose next values follow from the state of a filter."""
@@ -42,7 +43,7 @@ class Forecast:
             return {}
         return {**joined(observer=self.observer.begin(lanes)), "past": np.zeros((lanes, ORDER))}
 
-    def ahead(self, memory: Memory, state: Values, applied: Values, steps: int) -> Acted:
+    def ahead(self, memory: Memory, state: Array, applied: Array, steps: int) -> Acted:
         """Return the forces (steps, lanes) [N] of the steps to come; call it at each step."""
         forces = np.zeros((steps, len(state)))
         if self.silent:
@@ -87,8 +88,8 @@ class PushForecast:
         return (self.forces if self.filter is None else self.filter).begin(lanes)
 
     def ahead(
-        self, memory: Memory, state: Values, applied: Values, steps: int
-    ) -> tuple[Values | None, Memory]:
+        self, memory: Memory, state: Array, applied: Array, steps: int
+    ) -> tuple[Array | None, Memory]:
         """Return what is added to x1, x2 [m], v1, v2 [m/s], (steps, 4, lanes), or None for nothing.
 
         Call it at each step.
@@ -143,7 +144,7 @@ class ExcitationFilter:
         noise = np.block([[own, both], [both.T, missed]])  # the same drives both
         self.kept, self.gains = self._gains(noise, own, min(LONGEST, scene.control.steps))
 
-    def _gains(self, noise: Values, own: Values, steps: int) -> tuple[Values, Values]:
+    def _gains(self, noise: Array, own: Array, steps: int) -> tuple[Array, Array]:
         """Return `kept` and `gains`, from the stationary distribution on."""
         count, spread = len(self.turn), solve_discrete_lyapunov(self.turn, own)
         kept, gains = np.empty((steps, count, count)), np.empty((steps, count, 4))
@@ -163,7 +164,7 @@ class ExcitationFilter:
             "state": np.zeros((lanes, len(self.turn))),
         }
 
-    def observe(self, memory: Memory, state: Values, applied: Values) -> Memory:
+    def observe(self, memory: Memory, state: Array, applied: Array) -> Memory:
         """Return the memory; its "state" (lanes, rows) is that of the filters, estimated."""
         missed, known, own = self.innovation.missed(part(memory, "innovation"), state, applied)
         step, last = np.minimum(memory["step"], len(self.gains) - 1), memory["state"]
@@ -175,7 +176,7 @@ class ExcitationFilter:
             "state": chosen(known, moved, last),
         }
 
-    def ahead(self, memory: Memory, steps: int) -> Values:
+    def ahead(self, memory: Memory, steps: int) -> Array:
         """Return what is expected to be added to the motion (steps, lanes, 4) in steps to come."""
         state = memory["state"]
         added = np.empty((steps, len(state), 4))

@@ -14,7 +14,6 @@ from agents.control.controller import (
     Memory,
     Observation,
     Reads,
-    Values,
     chosen,
     joined,
     part,
@@ -25,6 +24,7 @@ from agents.controllers.registry import Entry, Free, Tunable, unless
 from agents.scoring import FREQUENCY
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
+from mm_gym.arrays import Array
 
 
 class FrequencyEstimator(Protocol):
@@ -36,7 +36,7 @@ class FrequencyEstimator(Protocol):
         """Return the memory of so many new episodes."""
         ...
 
-    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def frequency(self, memory: Memory, state: Array, applied: Array) -> Acted:
         """Return the frequencies (lanes,) [rad/s], NaN as long as they are unknown; the memory."""
         ...
 
@@ -63,7 +63,7 @@ class LinearPrediction:
             "products": np.zeros((lanes, 2)),
         }
 
-    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def frequency(self, memory: Memory, state: Array, applied: Array) -> Acted:
         force, known, own = self.observer.force(part(memory, "observer"), state, applied)
         seen = memory["seen"] + known
         forces = np.column_stack([memory["forces"][:, 1:], force])
@@ -103,7 +103,7 @@ class ShortTimeFourier:
             "past": np.zeros((lanes, self.length)),
         }
 
-    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def frequency(self, memory: Memory, state: Array, applied: Array) -> Acted:
         force, known, own = self.observer.force(part(memory, "observer"), state, applied)
         past = chosen(known, np.column_stack([memory["past"][:, 1:], force]), memory["past"])
         seen = memory["seen"] + known
@@ -145,7 +145,7 @@ class FrequencyLockedLoop:
             "last": np.zeros(lanes),
         }
 
-    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def frequency(self, memory: Memory, state: Array, applied: Array) -> Acted:
         force, known, own = self.observer.force(part(memory, "observer"), state, applied)
         step, estimate, last = self.step / self.SUBSTEPS, memory["estimate"], memory["last"]
         phase, quadrature = memory["value"].T
@@ -185,7 +185,7 @@ class FrequencyTracking(Law):
         self.mass, self.stiffness = scene.sphere.mass * ratio**2, scene.springs.stiffness
         self.begin = estimator.begin
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         frequency, memory = self.estimator.frequency(memory, state, applied)
         present = self.command.present(applied)
         matching = stretch_for_stiffness(self.mass * frequency**2, self.stiffness)

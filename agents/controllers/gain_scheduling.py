@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Feedback
 from agents.control.scene import drawn_but
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Entry, without_weight
 from agents.controllers.searched import DECADES, searched
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 FACTORS = 2.0 ** np.linspace(-2.0, 5.0, 15)
 """Stiffnesses over that at rest, at which regulators are designed."""
@@ -27,9 +28,9 @@ class Schedule:
         (n,) rising [N/m]: where regulators are designed; between them gains are interpolated.
     """
 
-    def __init__(self, scene: Scene, stiffnesses: Values) -> None:
+    def __init__(self, scene: Scene, stiffnesses: Array) -> None:
         self.stiffnesses = stiffnesses
-        self.gains: Values = np.zeros((len(stiffnesses), 4))
+        self.gains: Array = np.zeros((len(stiffnesses), 4))
         linear = {LINEAR: 1.0, CUBIC: 0.0}
         drawn = drawn_but(scene, "carriage.stiffness", LINEAR, CUBIC)
         for row, stiffness in zip(self.gains, stiffnesses, strict=True):
@@ -37,7 +38,7 @@ class Schedule:
             law = LQR(scene.replace(randomization=drawn, **own))
             row[list(law.design.states)] = law.design.gain[0] / law.limit
 
-    def action(self, stiffness: Values, state: Values) -> Values:
+    def action(self, stiffness: Array, state: Array) -> Array:
         total = np.zeros(len(state))
         for gains, values in zip(self.gains.T, state.T, strict=True):
             total -= np.interp(stiffness, self.stiffnesses, gains) * values
@@ -68,14 +69,14 @@ class GainScheduledLQR(Law):
         self.linear = carriage.stiffness * carriage.linear_coefficient
         self.cubic, self.mass = carriage.stiffness * carriage.cubic_coefficient, carriage.mass
 
-    def stiffness(self, state: Values) -> Values:
+    def stiffness(self, state: Array) -> Array:
         """Return the stiffness (lanes,) at the amplitude of states: the root of its equation."""
         of_displacement = self.linear + 0.75 * self.cubic * state[:, 0] ** 2
         of_velocity = 0.75 * self.cubic * self.mass * state[:, 2] ** 2
         square = np.maximum(of_displacement**2 + 4.0 * of_velocity, 0.0)
         return 0.5 * (of_displacement + np.sqrt(square))
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         return self.factor * self.schedule.action(self.stiffness(state), state), memory
 
 

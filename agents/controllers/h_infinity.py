@@ -9,13 +9,14 @@ import control
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.control.controller import Acted, Controller, Info, Memory, Observation, Values
+from agents.control.controller import Acted, Controller, Info, Memory, Observation
 from agents.control.observed_state import Frame
 from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.lqg import require_detectable
 from agents.controllers.lqr import hidden_mode, state_weight
 from agents.controllers.registry import Entry, without_weight
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array
 from mm_gym.errors import suggest
 
 NOISE = 0.3
@@ -32,10 +33,10 @@ DOUBLINGS = 30  # of the bound, until one is kept
 class Matrices(NamedTuple):
     """A linear system A, B, C, D: of one control step, or after `bilinear` of continuous time."""
 
-    A: Values
-    B: Values
-    C: Values
-    D: Values
+    A: Array
+    B: Array
+    C: Array
+    D: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,11 +6,12 @@ import numpy as np
 from scipy.linalg import expm
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.scene import plant_of
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Free, Tunable, without_weight
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 HOLD, PUSH, RETURN = 0, 1, 2
 
@@ -61,14 +62,14 @@ class InertialDrive(Law):
     def begin(self, lanes: int) -> Memory:
         return {"mode": np.full(lanes, HOLD), "side": np.zeros(lanes)}
 
-    def friction(self, slip: Values) -> Values:
+    def friction(self, slip: Array) -> Array:
         """Return the friction force [N] on the carriage at slips v2 - v1 [m/s]."""
         size = np.abs(slip)
         sliding = self.kinetic + self.growth * (size - self.speed)
         sticking = self.static / self.speed * size
         return np.sign(slip) * np.where(size <= self.speed, sticking, sliding)
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         n, (x1, x2, v1, v2) = self.numbers, state.T
         rest = x2 - x1 + self.momentum * v2
         mode, side = memory["mode"], memory["side"]

@@ -1,20 +1,11 @@
 """A trained policy as a controller, alone or added to another controller's action."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.control.controller import (
-    Acted,
-    Controller,
-    Info,
-    Memory,
-    Observation,
-    Values,
-    joined,
-    part,
-)
+from agents.control.controller import Acted, Controller, Info, Memory, Observation, joined, part
 from agents.policies import AnyPolicy, Policy
 from mm_gym import MovingMassVectorEnv
+from mm_gym.arrays import Array, Single
 
 
 class Learned(Controller):
@@ -32,7 +23,7 @@ class Learned(Controller):
         return action, {"policy": after}
 
 
-def observed(observation: NDArray[np.float32], proposed: Values) -> NDArray[np.float32]:
+def observed(observation: Single, proposed: Array) -> Single:
     """Return what the agent observes, (lanes, n + k): the environment's, and the base's action."""
     return np.hstack([observation, proposed.astype(np.float32)])
 
@@ -62,6 +53,6 @@ class Residual(Controller):
         action = np.clip(proposed + self.authority * added, -1.0, 1.0)
         return action, joined(base=base, policy={"memory": after})
 
-    def note(self, memory: Memory, action: Values) -> Memory:
+    def note(self, memory: Memory, action: Array) -> Memory:
         base = self.base.note(part(memory, "base"), action)
         return joined(base=base, policy=part(memory, "policy"))

@@ -13,13 +13,14 @@ from scipy.linalg import block_diag
 from scipy.sparse import csc_matrix
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Feedback
 from agents.control.scene import force_weight, nominal, plant_of, require_number
 from agents.control.trajectories import ends_of
 from agents.controllers.lqr import design, problem_of
 from agents.controllers.registry import Entry, unless, without_weight
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array
 
 MOST_STEPS = 1000  # longest horizon; the matrices have the square of its size
 RHO = 0.1  # step size with which the solver begins
@@ -65,7 +66,7 @@ class Limits:
         displacement, stroke = (None if value is None else kept * value for value in stated)
         return cls(displacement=displacement, stroke=stroke)
 
-    def rows(self, scene: Scene) -> Values:
+    def rows(self, scene: Scene) -> Array:
         """Return what is limited over its limit (q, 5), by x1, x2, v1, v2 and the force [N]."""
         a, b = plant_of(scene).linear()
         coupling = nominal(scene, "sphere.mass") * np.append(a[3], b[3, 0])
@@ -134,7 +135,7 @@ class LinearMPC(Law):
             "dual": np.zeros((lanes, 2 * self.horizon + 3 * slacks)),
         }
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         motion = state[:, self.states]
         slopes, drifts = motion @ self.slope.T, motion @ self.free.T
         plans, duals = memory["plan"].copy(), memory["dual"].copy()
@@ -149,7 +150,7 @@ class LinearMPC(Law):
             plans[lane], duals[lane] = found.x, found.y
         return plans[:, :1].copy(), {"plan": plans, "dual": duals}
 
-    def _bounds(self, drift: Values, first: float = 0.0) -> tuple[Values, Values]:
+    def _bounds(self, drift: Array, first: float = 0.0) -> tuple[Array, Array]:
         """Return the program's bounds, of what is limited without forces, and what is applied."""
         size, zero = self.horizon, np.zeros(len(drift))
         high = np.concatenate([np.ones(size), np.full(size, self.travel)])
@@ -160,7 +161,7 @@ class LinearMPC(Law):
         return low, high
 
 
-def _predicted(a: Values, b: Values, horizon: int) -> tuple[Values, Values]:
+def _predicted(a: Array, b: Array, horizon: int) -> tuple[Array, Array]:
     """Return the states of the steps to come: (k, n, n) times the state, (k, n, k) the forces."""
     size = len(a)
     free, forced = np.empty((horizon, size, size)), np.zeros((horizon, size, horizon))
@@ -173,7 +174,7 @@ def _predicted(a: Values, b: Values, horizon: int) -> tuple[Values, Values]:
     return free, forced
 
 
-def _cost_to_go(scene: Scene, states: Sequence[int]) -> Values:
+def _cost_to_go(scene: Scene, states: Sequence[int]) -> Array:
     """Return P of the LQR behind the horizon, of these states; zero where there is none."""
     whole = np.zeros((4, 4))
     with suppress(DesignError):
@@ -182,7 +183,7 @@ def _cost_to_go(scene: Scene, states: Sequence[int]) -> Values:
     return whole[np.ix_(states, states)]
 
 
-def _solver(hessian: Values, moved: Values, bounds: tuple[Values, Values]) -> Any:  # noqa: ANN401 - of an optional package
+def _solver(hessian: Array, moved: Array, bounds: tuple[Array, Array]) -> Any:  # noqa: ANN401 - of an optional package
     """Return the program of forces and slacks; `moved` is what forces do to what is limited."""
     try:
         osqp = import_module("osqp")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Controller, Info, Memory, Observation, Values
+from agents.control.controller import Acted, Controller, Info, Memory, Observation
 from agents.control.observed_state import Frame
 from agents.control.scene import STATES, drawn_but, force_weight, plant_of, require_number
 from agents.controllers.lqr import (
@@ -21,6 +21,7 @@ from agents.controllers.lqr import (
 )
 from agents.controllers.registry import Entry, Free, Tunable, unless, without_weight
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
+from mm_gym.arrays import Array
 
 UNMODELLED = 1e-3
 """Of what else disturbs the motion in a step over the objective's scales [-], by default."""
@@ -50,9 +51,9 @@ class LQGDesign:
     # The sampled plant with lag, delay and the noise's filters among its states.
     system: LinearSystem
     regulated: tuple[int, ...]  # states that the cost depends on, and that are fed back
-    gain: Values  # (n,) [N per unit]; zero for all other states
-    filters: Values  # (steps, n, p): the gain in each step, of which the last is the stationary one
-    error: Values  # (n, n): stationary covariance of the estimate's error
+    gain: Array  # (n,) [N per unit]; zero for all other states
+    filters: Array  # (steps, n, p): the gain in each step, of which the last is the stationary one
+    error: Array  # (n, n): stationary covariance of the estimate's error
     cost: float  # expected mean of -reward per step [-], in the long run and without limits
 
 
@@ -103,7 +104,7 @@ def design_lqg(
 
 def design_filter(
     scene: Scene, at: dict[str, float] | None = None, unmodelled: float = 1e-3
-) -> tuple[LinearSystem, Values]:
+) -> tuple[LinearSystem, Array]:
     """Return the plant that nothing actuates, and the stationary gain (n, p) of its Kalman filter.
 
     Fields can be changed, by dotted name, as a stretch; phases of harmonics wander. Raise
@@ -130,7 +131,7 @@ def design_filter(
 
 def regulator(
     plant: Plant, scene: Scene, at: dict[str, float] | None, system: LinearSystem
-) -> tuple[tuple[int, ...], Values, Values, float]:
+) -> tuple[tuple[int, ...], Array, Array, float]:
     """Return what regulates a system.
 
     That are the states that the cost depends on, the gain on all states, P, and the curvature of
@@ -175,7 +176,7 @@ def regulator(
     return regulated, gain, riccati, curvature
 
 
-def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Values:
+def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Array:
     """Return the weight (n + 1, n + 1) of the states named, at a step's end, and of the force.
 
     A force with a lag is one of the states, and its acceleration is of what it then is.
@@ -215,14 +216,14 @@ def _with_wandering_phases(scene: Scene, system: LinearSystem) -> LinearSystem:
     return replace(system, A=a, process_noise=noise)
 
 
-def _unmodelled(scene: Scene, part: float, size: int) -> Values:
+def _unmodelled(scene: Scene, part: float, size: int) -> Array:
     scales = scene.objective
     spread = np.zeros(size)
     spread[:2], spread[2:4] = scales.displacement_scale, scales.velocity_scale
     return (part * spread) ** 2
 
 
-def _initial(scene: Scene, system: LinearSystem) -> Values:
+def _initial(scene: Scene, system: LinearSystem) -> Array:
     """Return the covariance of the state when an episode begins."""
     ranges = scene.initial
     spreads = [
@@ -257,7 +258,7 @@ def _initial(scene: Scene, system: LinearSystem) -> Values:
     return copies @ covariance @ copies.T
 
 
-def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Values:
+def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Array:
     """Return the size of each state: without it the equations lose their digits."""
     objective, actuator = scene.objective, scene.actuation.force
     sizes = {"x": objective.displacement_scale, "v": objective.velocity_scale}
@@ -277,11 +278,11 @@ def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Values:
 def _filter(
     system: LinearSystem,
     regulated: NDArray[np.bool_],
-    covariances: tuple[Values, Values, Values],
+    covariances: tuple[Array, Array, Array],
     *,
-    units: tuple[Values, Values],
+    units: tuple[Array, Array],
     steps: int,
-) -> tuple[Values, Values]:
+) -> tuple[Array, Array]:
     """Return the filter's gains in an episode's first steps, and the stationary error.
 
     States that neither an output nor a motion in the cost depends on, as those of a sphere without
@@ -306,13 +307,13 @@ def _filter(
         msg = "the filter has no stabilising solution: no noise moves a mode that does not decay"
         raise DesignError(msg)
 
-    def updated(before: Values) -> tuple[Values, Values]:
+    def updated(before: Array) -> tuple[Array, Array]:
         gain = np.linalg.solve(c @ before @ c.T + sensors, c @ before).T
         left = np.eye(len(a)) - gain @ c
         return gain, left @ before @ left.T + gain @ sensors @ gain.T  # Joseph's form
 
     last, error = updated(np.asarray(stationary))
-    gains: list[Values] = []
+    gains: list[Array] = []
     for _ in range(min(steps, MOST_NUMBERS // last.size)):
         gain, after = updated(covariance)
         gains.append(gain)
@@ -324,7 +325,7 @@ def _filter(
     return filters * x[:, None] / y, spread * outer
 
 
-def require_detectable(a: Values, c: Values) -> None:
+def require_detectable(a: Array, c: Array) -> None:
     """Raise `DesignError` if the outputs do not show a mode that does not decay."""
     eigenvalue = hidden_mode(a, c)
     if eigenvalue is not None:
@@ -364,11 +365,11 @@ class LQG(Controller):
         force = np.clip(force, -self.limit, self.limit)
         return force[:, None] / self.limit, {"step": step + 1, "estimate": estimate}
 
-    def further_force(self, estimate: Values) -> Values | float:
+    def further_force(self, estimate: Array) -> Array | float:
         """Return what is added to the regulator's force [N]."""
         return 0.0
 
-    def note(self, memory: Memory, action: Values) -> Memory:
+    def note(self, memory: Memory, action: Array) -> Memory:
         system = self.design.system
         estimate = memory["estimate"] @ system.A.T + self.limit * action * system.B[:, 0]
         return {**memory, "estimate": estimate}
@@ -395,7 +396,7 @@ class WeightedLQG(LQG):
         self.motion = [names.index(name) for name in STATES]
         self.numbers, self.rail = dict(numbers), scene.objective.rail_half_length or np.inf
 
-    def further_force(self, estimate: Values) -> Values:
+    def further_force(self, estimate: Array) -> Array:
         """Return the force (lanes,) that keeps off the ends of the rail [N]."""
         x1, x2, v1, v2 = estimate[:, self.motion].T
         soon, numbers = x2 - x1 + self.numbers["ahead"] * (v2 - v1), self.numbers

@@ -9,16 +9,16 @@ from typing import NamedTuple
 
 import control
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.constant import Held
 from agents.controllers.registry import Entry, without_weight
 from agents.controllers.searched import grid, searched
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array
 
 HIDDEN = 1e-9
 """Singular value of a mode's pencil below which sensors do not show it, or the force reach it.
@@ -36,11 +36,11 @@ class Design:
 
     # Indices of the states that the cost depends on and that it feeds back, out of x1, x2, v1, v2.
     states: tuple[int, ...]
-    gain: NDArray[np.float64]  # (1, n) [N/m, N s/m]
+    gain: Array  # (1, n) [N/m, N s/m]
     # (n, n): P of the discrete Riccati equation; the sum of rewards from a state is -(x'P x - x'Q
     # x).
-    cost: NDArray[np.float64]
-    weight: NDArray[np.float64]  # (n, n): Q, the reward's weight of the state
+    cost: Array
+    weight: Array  # (n, n): Q, the reward's weight of the state
 
 
 def design(scene: Scene, stretch: float | None = None) -> Design:
@@ -80,12 +80,12 @@ class Quadratic(NamedTuple):
     """A cost x'Q x + 2 x'N u + u'R u of states x and a force u [N]."""
 
     # state, cross, force: Q (n, n), N (n, 1) and R (1, 1).
-    state: NDArray[np.float64]
-    cross: NDArray[np.float64]
-    force: NDArray[np.float64]
+    state: Array
+    cross: Array
+    force: Array
 
     @property
-    def weights(self) -> tuple[NDArray[np.float64], ...]:
+    def weights(self) -> tuple[Array, ...]:
         """Q and R, and N if it is not zero: SciPy rounds otherwise where it is given."""
         both = self.state, self.force
         return (*both, self.cross) if self.cross.any() else both
@@ -95,7 +95,7 @@ class Quadratic(NamedTuple):
         rows = np.ix_(states, states)
         return Quadratic(self.state[rows], self.cross[list(states)], self.force)
 
-    def ahead(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> Quadratic:
+    def ahead(self, a: Array, b: Array) -> Quadratic:
         """Return it as a cost of the state before the step a x + b u in which the force acts."""
         before, through = a.T @ self.state @ a, self.state @ b + self.cross
         return Quadratic(
@@ -110,14 +110,12 @@ class Problem(NamedTuple):
 
     states: tuple[int, ...]  # indices out of x1, x2, v1, v2
     # a, b: (n, n) and (n, 1) of a control step.
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
+    a: Array
+    b: Array
     cost: Quadratic  # of a step
 
 
-def problem_of(
-    scene: Scene, stretch: float | None = None, also: NDArray[np.float64] | None = None
-) -> Problem:
+def problem_of(scene: Scene, stretch: float | None = None, also: Array | None = None) -> Problem:
     """Return what a regulator of the force is designed for, at a stretch of the springs.
 
     Its states are those of the cost, and of other quantities (q, 4) that are linear in the state.
@@ -161,7 +159,7 @@ def reaction_weights(scene: Scene) -> tuple[float, float]:
     return o.carriage_acceleration_weight / o.carriage_acceleration_scale**2, on_sphere
 
 
-def state_weight(scene: Scene) -> NDArray[np.float64]:
+def state_weight(scene: Scene) -> Array:
     """Return the (4, 4) weight of the state in a reward of nothing but state and actions.
 
     Raise `DesignError` if the motion has no weight, or the reward is also of accelerations or the
@@ -179,7 +177,7 @@ def state_weight(scene: Scene) -> NDArray[np.float64]:
     return weight
 
 
-def motion_weight(scene: Scene) -> NDArray[np.float64]:
+def motion_weight(scene: Scene) -> Array:
     """Return the (4, 4) weight of displacement, velocity and stroke in the scene's reward."""
     objective = scene.objective
     stroke = objective.stroke_weight / objective.stroke_scale**2
@@ -191,7 +189,7 @@ def motion_weight(scene: Scene) -> NDArray[np.float64]:
     return weight
 
 
-def _require_weight(weight: NDArray[np.float64]) -> None:
+def _require_weight(weight: Array) -> None:
     if not weight.any():
         msg = (
             "objective: displacement_weight, velocity_weight and stroke_weight are 0; allowed: one "
@@ -200,7 +198,7 @@ def _require_weight(weight: NDArray[np.float64]) -> None:
         raise DesignError(msg)
 
 
-def states_that_matter(a: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[int, ...]:
+def states_that_matter(a: Array, weight: Array) -> tuple[int, ...]:
     """Return the states with a weight in the reward, and those that move one of them."""
     matters = weight.any(axis=0) | np.array([True, False, True, False])
     for _ in range(len(a)):
@@ -208,7 +206,7 @@ def states_that_matter(a: NDArray[np.float64], weight: NDArray[np.float64]) -> t
     return tuple(int(i) for i in np.flatnonzero(matters))
 
 
-def hidden_mode(a: NDArray[np.float64], c: NDArray[np.float64]) -> complex | None:
+def hidden_mode(a: Array, c: Array) -> complex | None:
     """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay.
 
     Return the first that C does not show; with A' and B' the first that B does not reach.
@@ -223,10 +221,10 @@ def hidden_mode(a: NDArray[np.float64], c: NDArray[np.float64]) -> complex | Non
 
 
 def _check(
-    gain: NDArray[np.float64],
-    p: NDArray[np.float64],
-    a: NDArray[np.float64],
-    b: NDArray[np.float64],
+    gain: Array,
+    p: Array,
+    a: Array,
+    b: Array,
     stage: Quadratic,
 ) -> None:
     closed, crossed = a - b @ gain, stage.cross @ gain
@@ -258,7 +256,7 @@ class LQR(Law):
         self.design = design(scene, stretch)
         self.limit = Command(scene, "force").high
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         return state[:, self.design.states] @ (-self.design.gain.T / self.limit), memory
 
 

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.control.controller import Acted, Law, Memory, Values, joined, part
+from agents.control.controller import Acted, Law, Memory, joined, part
 from agents.control.trajectories import Trajectories
 from agents.controllers.forecast import PushForecast
 from agents.controllers.noise import Noise, States
 from mm_gym import DesignError, MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array
 
 SEED = 5_000_000
 
@@ -75,7 +76,7 @@ class NewtonPredictiveControl(Law):
             self._problems[lanes] = Trajectories(self.scene, env.plant, start, self.steps.horizon)
         return self._problems[lanes]
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         steps, problem, count = self.steps, self._problem(len(state)), len(state)
         own_rows = problem.support.own_rows
         values = problem.start[0]
@@ -102,7 +103,7 @@ class NewtonPredictiveControl(Law):
             "noise": noise,
         }
 
-    def _drawn(self, noise: States, plan: Values, plans: int) -> tuple[Values, States]:
+    def _drawn(self, noise: States, plan: Array, plans: int) -> tuple[Array, States]:
         """Return noise (plans, steps, k, lanes), and the states of the generators then."""
         drawn, noise = self.noise.drawn(noise, (len(plan), plans, *plan.shape[1:]), axis=3)
         return np.moveaxis(drawn, 1, 0), noise

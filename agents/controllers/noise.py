@@ -5,9 +5,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import Acted, Controller, Info, Memory, Observation, Values
+from agents.control.controller import Acted, Controller, Info, Memory, Observation
 from agents.controllers.registry import Entry
 from mm_gym import MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array
 
 States = NDArray[np.uint64]
 
@@ -17,7 +18,7 @@ CORRELATION = 0.6
 HALF = 64
 
 
-def correlated(noise: np.random.Generator, shape: tuple[int, ...]) -> Values:
+def correlated(noise: np.random.Generator, shape: tuple[int, ...]) -> Array:
     """Return standard normal numbers of a shape (steps, ...), correlated from step to step."""
     drawn = noise.standard_normal(shape)
     for i in range(1, len(drawn)):
@@ -43,8 +44,8 @@ class Noise:
         states: States,
         shape: tuple[int, ...],
         axis: int,
-        draw: Callable[[np.random.Generator, tuple[int, ...]], Values] = correlated,
-    ) -> tuple[Values, States]:
+        draw: Callable[[np.random.Generator, tuple[int, ...]], Array] = correlated,
+    ) -> tuple[Array, States]:
         """Return random numbers of a shape, whose axis is the lanes, and the states then."""
         found, after = np.empty(shape), states.copy()
         lanes = np.moveaxis(found, axis, 0)
@@ -84,7 +85,7 @@ class RandomActions(Controller):
         return action, {"noise": noise}
 
 
-def _uniform(generator: np.random.Generator, shape: tuple[int, ...]) -> Values:
+def _uniform(generator: np.random.Generator, shape: tuple[int, ...]) -> Array:
     return generator.uniform(-1.0, 1.0, shape)
 
 

@@ -6,12 +6,13 @@ import control
 import numpy as np
 
 from agents.control.actuators import Command, Lead, require_stable_rest
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.scene import plant_of
 from agents.controllers.lqr import state_weight
 from agents.controllers.registry import Entry
 from agents.controllers.searched import grid, searched
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array
 
 
 class OnOffStiffness(Law):
@@ -39,7 +40,7 @@ class OnOffStiffness(Law):
         internal = np.array([0.0, 0.0, 1.0 / scene.carriage.mass, -1.0 / scene.sphere.mass])
         self.costate = p @ internal
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         present = self.command.present(applied)
         state = self.lead(state, present)
         raises = (state @ self.costate) * (state[:, 1] - state[:, 0]) > 0.0

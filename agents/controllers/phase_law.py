@@ -3,11 +3,12 @@
 import numpy as np
 
 from agents.control.actuators import Command, require_stable_rest
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.scene import require_number
 from agents.controllers.registry import Entry
 from agents.controllers.searched import over_decades
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 
 class PhaseLaw(Law):
@@ -29,7 +30,7 @@ class PhaseLaw(Law):
         self.command = Command(scene, "stretch")
         self.unit = scene.objective.displacement_scale * scene.objective.stroke_scale
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         x1, x2 = state[:, 0], state[:, 1]
         present = self.command.present(applied)
         unsaturated = self.gain * self.time_step * x1 * (x2 - x1) / self.unit

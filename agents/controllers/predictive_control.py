@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 
 from agents.control.actuators import Actuators
-from agents.control.controller import Acted, Law, Memory, Values, chosen, joined, part
+from agents.control.controller import Acted, Law, Memory, chosen, joined, part
 from agents.control.feedback import Feedback
 from agents.control.model import Model, require_reward_of_motion
 from agents.control.trajectories import ends_of
@@ -18,8 +18,9 @@ from agents.controllers.noise import Noise
 from agents.controllers.registry import Entry
 from agents.controllers.tuned import best_without_memory, classical_laws
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array
 
-Start: TypeAlias = tuple[Values, Values, tuple[Values, Values]]
+Start: TypeAlias = tuple[Array, Array, tuple[Array, Array]]
 """States of the motion, the interface's own ones, and what actuators have and were asked."""
 
 QUICK, SHORT = 0.005, 20  # control steps [s] up to which fewer steps ahead are planned, to keep up
@@ -52,8 +53,8 @@ class Search:
     least_spread: float = 0.0
 
     def best(
-        self, first: Values, worth: Callable[[Values], Values], drawn: Callable[[], Values]
-    ) -> Values:
+        self, first: Array, worth: Callable[[Array], Array], drawn: Callable[[], Array]
+    ) -> Array:
         """Return the best plan (steps, lanes, k) of the first ones and of those drawn.
 
         Parameters
@@ -114,7 +115,7 @@ class PredictiveControl(Law):
             "noise": self.noise.begin(lanes),
         }
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         asked = chosen(memory["begun"], memory["asked"], applied)
         own = self._own(memory, applied)
         forces, forecast = self.forecast.ahead(
@@ -126,7 +127,7 @@ class PredictiveControl(Law):
         first = [of_law, plan, *(np.full(plan.shape, value) for value in (-1.0, 0.0, 1.0))]
         noise = memory["noise"]
 
-        def drawn() -> Values:
+        def drawn() -> Array:
             nonlocal noise
             shape = (*plan.shape[:2], self.search.plans, self.columns)
             found, noise = self.noise.drawn(noise, shape, axis=1)
@@ -146,7 +147,7 @@ class PredictiveControl(Law):
             "noise": noise,
         }
 
-    def _own(self, memory: Memory, applied: Values) -> Values:
+    def _own(self, memory: Memory, applied: Array) -> Array:
         """Return the interface's own states after the last step, in which so much was applied."""
         begun, own = memory["begun"], memory["own"]
         if not (begun.any() and self.model.own_rows):
@@ -155,7 +156,7 @@ class PredictiveControl(Law):
         self.model.advance(applied, memory["force"])
         return chosen(begun, self.model.own, own)
 
-    def _plan_of_law(self, memory: Memory, start: Start, forces: Values) -> Acted:
+    def _plan_of_law(self, memory: Memory, start: Start, forces: Array) -> Acted:
         """Return the law's plan, and its memory after the first step."""
         state, own, (applied, asked) = start
         plan, memories = np.empty((*forces.shape, self.columns)), []
@@ -168,7 +169,7 @@ class PredictiveControl(Law):
             state = self.model.advance(applied, force)[0]
         return plan, memories[0]
 
-    def _worth(self, plans: Values, start: Start, forces: Values) -> Values:
+    def _worth(self, plans: Array, start: Start, forces: Array) -> Array:
         """Return the sums of rewards (lanes, plans) of the plans."""
         state, own, (applied, asked) = start
         state, own, applied, asked = (

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 import agents.controllers
@@ -24,6 +23,7 @@ from agents.control.controller import Controller, Law
 from agents.control.feedback import Feedback
 from agents.control.scene import force_weight
 from mm_gym import DesignError, Scene, SceneError
+from mm_gym.arrays import Array
 from mm_gym.errors import suggest
 from mm_gym.files import read_json
 
@@ -51,7 +51,7 @@ class Entry:
 NUMBERS = Path(__file__).parents[2] / "configs" / "controllers.json"
 """What `python -m agents tune-controllers` found for the tasks."""
 
-Coordinate = TypeVar("Coordinate", float, "NDArray[np.float64]")
+Coordinate = TypeVar("Coordinate", float, Array)
 
 MOST = 14.0  # logarithm of the largest change of a ratio, a million
 MOST_BYTES = 2**20  # largest file of numbers

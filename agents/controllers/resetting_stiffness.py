@@ -3,11 +3,12 @@
 import numpy as np
 
 from agents.control.actuators import Command, Lead, require_stable_rest
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Feedback
 from agents.controllers.registry import Entry
 from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
+from mm_gym.arrays import Array
 
 
 class ResettingStiffness(Law):
@@ -37,7 +38,7 @@ class ResettingStiffness(Law):
         names = ("taken", "k2", "half") if self.passive else ()
         return {name: np.zeros(lanes) for name in names}
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         present = self.command.present(applied)
         ahead = self.lead(state, present)
         grows = (ahead[:, 1] - ahead[:, 0]) * (ahead[:, 3] - ahead[:, 2]) > 0.0
@@ -46,7 +47,7 @@ class ResettingStiffness(Law):
             wanted, memory = self._affordable(memory, wanted, state, present)
         return self.command(wanted, present), memory
 
-    def _affordable(self, memory: Memory, wanted: Values, state: Values, present: Values) -> Acted:
+    def _affordable(self, memory: Memory, wanted: Array, state: Array, present: Array) -> Acted:
         """Return the stretch nearest to the wanted one whose energy has been taken out before."""
         half = 0.5 * (state[:, 1] - state[:, 0]) ** 2
         k2 = spring_stiffness(present, self.stiffness)

@@ -14,12 +14,13 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from scipy.optimize import minimize_scalar
 
-from agents.control.controller import Law, StateSource, Values
+from agents.control.controller import Law, StateSource
 from agents.control.feedback import Feedback
 from agents.control.observed_state import ObservedState
 from agents.controllers.registry import Tunable
 from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, evaluate, validation_cost
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array
 
 DECADES = np.linspace(-2.0, 2.0, 17)  # exponents of the gains and weights that are tried
 
@@ -32,7 +33,7 @@ They follow those of the search. The best of all on a hundred episodes is also l
 REFUSED = 1e6  # cost of a design that cannot be made, above all others
 
 
-def grid(scene: Scene, actuator: str) -> Values:
+def grid(scene: Scene, actuator: str) -> Array:
     """Return values over an actuator's range [-, N s/m, V]."""
     own = getattr(scene.actuation, actuator)
     return np.linspace(own.minimum, own.maximum, 33)
@@ -41,7 +42,7 @@ def grid(scene: Scene, actuator: str) -> Values:
 def searched(
     scene: Scene,
     make: Callable[[float], Law],
-    values: Values,
+    values: Array,
     seed: int = VALIDATION_SEED,
     source: StateSource | None = None,
 ) -> Feedback:
@@ -62,14 +63,14 @@ def searched(
 
 
 def over_decades(
-    make: Callable[[Scene, float], Law], exponents: Values = DECADES
+    make: Callable[[Scene, float], Law], exponents: Array = DECADES
 ) -> Callable[[Scene], Feedback]:
     """Return what searches the gain or weight of a law over some decades of it."""
     return lambda scene: searched(scene, lambda exponent: make(scene, 10.0**exponent), exponents)
 
 
 def searched_pair(
-    scene: Scene, make: Callable[[float, float], Law], first: Values | None = None
+    scene: Scene, make: Callable[[float, float], Law], first: Array | None = None
 ) -> Feedback:
     """Search a first value on a coarse grid, by default a stretch, and a second over four decades.
 
@@ -86,7 +87,7 @@ def searched_pair(
 
 def trials(
     scene: Scene, tunable: Tunable, count: int, seed: int, known: Sequence[float] = ()
-) -> Iterator[tuple[Values, float]]:
+) -> Iterator[tuple[Array, float]]:
     """Search a controller's free numbers by CMA-ES; yield coordinates and cost of each trial.
 
     The first trial is the design with the first numbers. Hansen and Ostermeier, *Completely
@@ -108,7 +109,7 @@ def trials(
     strategy = cma_strategy(first, 1.0, np.random.default_rng(seed))
     costs = iter(known)
 
-    def cost(coordinates: Values) -> float:
+    def cost(coordinates: Array) -> float:
         found = next(costs, None)
         if found is not None:
             return found
@@ -132,7 +133,7 @@ def trials(
 
 
 def cma_strategy(
-    mean: Values, spread: float, generator: np.random.Generator, **options: object
+    mean: Array, spread: float, generator: np.random.Generator, **options: object
 ) -> Any:  # noqa: ANN401 - pycma has no types
     """Return the search of pycma from a mean on, by random numbers of a generator.
 

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from agents.control.actuators import SWITCHINGS, Damper, Lead, Switching
-from agents.control.controller import Acted, Law, Memory, Values, joined, part
+from agents.control.controller import Acted, Law, Memory, joined, part
 from agents.control.disturbance import force_column, state_scales
 from agents.control.feedback import Feedback
 from agents.control.model import Innovation
@@ -15,6 +15,7 @@ from agents.control.scene import STATES, nominal, plant_of, require_number, sphe
 from agents.controllers.registry import Entry
 from agents.controllers.searched import grid, over_decades, searched
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array
 
 Hooked: TypeAlias = Literal["skyhook", "groundhook", "displacement groundhook"]
 
@@ -48,7 +49,7 @@ class GroundVelocity:
     def begin(self, lanes: int) -> Memory:
         return {**joined(innovation=self.innovation.begin(lanes)), "velocity": np.zeros(lanes)}
 
-    def observe(self, memory: Memory, state: Values, applied: Values) -> Memory:
+    def observe(self, memory: Memory, state: Array, applied: Array) -> Memory:
         """Return the memory, whose "velocity" (lanes,) [m/s] is that now; call it at each step."""
         missed, _, own = self.innovation.missed(part(memory, "innovation"), state, applied)
         velocity = self.kept * memory["velocity"] + self.step * (missed @ self.row)
@@ -66,14 +67,14 @@ class SemiActive(Law):
     def __init__(self, scene: Scene, switching: Switching, on: float | None = None) -> None:
         self.device, self.lead = Damper(scene, switching, on), Lead(scene, "damping")
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         present = self.device.present(applied)
         ahead = self.lead(state, present)
         wanted, velocity = self.force(memory, ahead), self.device.velocity(ahead)
         return self.device.towards(wanted, velocity, present), memory
 
     @abstractmethod
-    def force(self, memory: Memory, state: Values) -> Values:
+    def force(self, memory: Memory, state: Array) -> Array:
         """Return the wanted forces F (lanes,) [N], positive as the device's relative velocity."""
 
     def _called(self, what: str, gain: str) -> str:
@@ -134,12 +135,12 @@ class Hook(SemiActive):
     def begin(self, lanes: int) -> Memory:
         return {} if self.ground is None else self.ground.begin(lanes)
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         if self.ground is not None:
             memory = self.ground.observe(memory, state, applied)
         return super().action(memory, state, applied)
 
-    def force(self, memory: Memory, state: Values) -> Values:
+    def force(self, memory: Memory, state: Array) -> Array:
         if self.what == "skyhook":
             held = state[:, 3 if self.device.of_interface else 2]
             return self.gain * (held if self.ground is None else held + memory["velocity"])
@@ -175,7 +176,7 @@ class Balance(SemiActive):
         )
         self.name = self._called("balance", f"gain {gain:.3g}")
 
-    def force(self, memory: Memory, state: Values) -> Values:
+    def force(self, memory: Memory, state: Array) -> Array:
         stroke = self.device.stroke(state)
         if self.device.of_interface:
             return -self.gain * self.springs(stroke)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.control.controller import Acted, Info, Memory, Observation, Values
+from agents.control.controller import Acted, Info, Memory, Observation
 from agents.control.feedback import Feedback
 from agents.control.model import Model
 from agents.control.observed_state import ObservedState
@@ -11,6 +11,7 @@ from agents.controllers.lqr import LQR
 from agents.controllers.registry import Entry, without_weight
 from agents.controllers.searched import DECADES, searched
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 
 class SmithPredictor(ObservedState):
@@ -33,14 +34,14 @@ class SmithPredictor(ObservedState):
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Values, Values, Memory]:
+    ) -> tuple[Array, Array, Memory]:
         late = np.minimum(memory["step"], self.delay)
         _, applied, memory = super().read(memory, observation, info)
         moved = memory["moved"]
         then = moved[np.arange(len(moved)), self.delay - late]
         return moved[:, -1] + memory["estimate"] - then, applied, memory
 
-    def note(self, memory: Memory, action: Values) -> Memory:
+    def note(self, memory: Memory, action: Array) -> Memory:
         memory = super().note(memory, action)
         moved = memory["moved"]
         self.plant.begin(moved[:, -1], memory["model"])
@@ -56,7 +57,7 @@ class ScaledLQR(LQR):
         super().__init__(scene)
         self.name, self.factor = f"Smith predictor, LQR times {factor:.2g}", factor
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         action, memory = super().action(memory, state, applied)
         return self.factor * action, memory
 

@@ -7,18 +7,10 @@ from typing import Any, NoReturn, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import (
-    Acted,
-    Controller,
-    Info,
-    Law,
-    Memory,
-    Observation,
-    Reads,
-    Values,
-)
+from agents.control.controller import Acted, Controller, Info, Law, Memory, Observation, Reads
 from agents.control.feedback import Feedback, TrueState
 from mm_gym import MovingMassVectorEnv, Scene, SceneError
+from mm_gym.arrays import Array
 from mm_gym.user_code import call, load, split
 
 
@@ -99,7 +91,7 @@ class Guard:
         msg = f"{self.what}: {self.path}: {self.name}: {got}; allowed: {allowed}"
         raise SceneError(msg)
 
-    def actions(self, actions: object, lanes: int) -> Values:
+    def actions(self, actions: object, lanes: int) -> Array:
         """Return actions (lanes, k) that are numbers."""
         wanted = lanes, len(self.columns)
         values = self.call(np.asarray, actions, np.float64)
@@ -142,7 +134,7 @@ class UserLaw(Law):
     def begin(self, lanes: int) -> Memory:
         return self.guard.begin(lanes, lanes)
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         return self.guard.acted(self.guard.inner.action, memory, state, applied)
 
 
@@ -158,7 +150,7 @@ class UserController(Controller):
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         return self.guard.acted(self.guard.inner.act, memory, observation, info)
 
-    def note(self, memory: Memory, action: Values) -> Memory:
+    def note(self, memory: Memory, action: Array) -> Memory:
         if not self.guard.has("note"):
             return memory
         told = self.guard.call(self.guard.inner.note, memory, action)

@@ -3,11 +3,12 @@
 import numpy as np
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Law, Memory, Values
+from agents.control.controller import Acted, Law, Memory
 from agents.control.scene import require_number
 from agents.controllers.registry import Entry
 from agents.controllers.searched import over_decades
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 
 class VelocityFeedback(Law):
@@ -23,7 +24,7 @@ class VelocityFeedback(Law):
         self.name = f"velocity feedback, {gain:.2g} N s/m"
         self.gain = gain / limit
 
-    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         return np.clip(-self.gain * state[:, 2:3], -1.0, 1.0), memory
 
 

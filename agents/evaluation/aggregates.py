@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta, norm, t, trim_mean
 
-from agents.control.controller import Values
+from mm_gym.arrays import Array
 
 LEVEL = (2.5, 97.5)  # percentiles of an interval of 95 %
 RESAMPLES = 2_000  # they leave the ends of an interval uncertain by some 3 % of its half width
@@ -35,16 +35,16 @@ class Estimate(NamedTuple):
 class Sample:
     """Penalties of the episodes that controllers had in common."""
 
-    penalties: Values  # (controllers, seeds, episodes) as in `Evaluation`
+    penalties: Array  # (controllers, seeds, episodes) as in `Evaluation`
     # (controllers,) bool: whether each seed is a training of its own. Where it is not, the seeds
     # are of episodes alone, of one and the same controller.
     trained: NDArray[np.bool_]
 
-    def costs(self) -> Values:
+    def costs(self) -> Array:
         """Return the cost (controllers, seeds) of each seed: the root of the mean penalty."""
         return np.sqrt(self.penalties.mean(axis=2))
 
-    def resampled(self, generator: np.random.Generator, resamples: int = RESAMPLES) -> Values:
+    def resampled(self, generator: np.random.Generator, resamples: int = RESAMPLES) -> Array:
         """Return mean penalties (controllers, resamples, seeds) of seeds and episodes drawn anew.
 
         First seeds are drawn with replacement, then episodes within each. Seeds of one and the same
@@ -62,19 +62,19 @@ class Sample:
         return means
 
 
-def interquartile_mean(scores: Values) -> Values:
+def interquartile_mean(scores: Array) -> Array:
     """Return the mean (...) of the middle half of all scores (..., tasks, seeds)."""
     flat = scores.reshape(*scores.shape[:-2], -1)
     return np.asarray(trim_mean(flat, 0.25, axis=-1))
 
 
-def performance_profile(scores: Values, thresholds: Values) -> Values:
+def performance_profile(scores: Array, thresholds: Array) -> Array:
     """Return which part (..., thresholds) of all scores is greater than each threshold."""
     flat = scores.reshape(*scores.shape[:-2], -1)
     return (flat[..., None] > thresholds).mean(axis=-2)
 
 
-def probability_of_improvement(first: Values, second: Values) -> Values:
+def probability_of_improvement(first: Array, second: Array) -> Array:
     """Return the probability (...) that a score of the first is greater than one of the second.
 
     It is that of Mann and Whitney's U for each task, averaged over the tasks; equal scores count
@@ -86,7 +86,7 @@ def probability_of_improvement(first: Values, second: Values) -> Values:
 
 
 def estimate(
-    value: float, draws: Values, rows: Values, drawn_rows: Values, *, trained: bool, episodes: int
+    value: float, draws: Array, rows: Array, drawn_rows: Array, *, trained: bool, episodes: int
 ) -> Estimate:
     """Return a value with its interval: the resamples' percentiles, widened to what few seeds need.
 
@@ -124,7 +124,7 @@ def estimate(
     return Estimate(float(value), float(low), float(high))
 
 
-def cost_estimate(sample: Sample, controller: int, resampled: Values) -> Estimate:
+def cost_estimate(sample: Sample, controller: int, resampled: Array) -> Estimate:
     """Return the cost of one controller over all seeds, with `Sample.resampled` of all."""
     penalties, drawn = sample.penalties[controller].mean(axis=1), resampled[controller]
     found = estimate(
@@ -138,7 +138,7 @@ def cost_estimate(sample: Sample, controller: int, resampled: Values) -> Estimat
     return Estimate(*(float(np.sqrt(max(value, 0.0))) for value in found))
 
 
-def shared_episodes(penalties: Values, reference: Values | None = None) -> Estimate:
+def shared_episodes(penalties: Array, reference: Array | None = None) -> Estimate:
     """Return the interquartile mean of the seeds' costs over all episodes and trainings.
 
     The interval is for seeds and episodes drawn anew. It adds the squares of two margins: that of
@@ -191,6 +191,6 @@ def proportion(successes: int, trials: int) -> Estimate:
     return Estimate(successes / trials, float(low), float(high))
 
 
-def stacked(tasks: Sequence[Values]) -> Values:
+def stacked(tasks: Sequence[Array]) -> Array:
     """Return the scores (..., tasks, seeds) of tasks that are given one by one (..., seeds)."""
     return np.stack(tasks, axis=-2)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.control.controller import Reads, Values
+from agents.control.controller import Reads
 from agents.evaluation.aggregates import (
     Estimate,
     cost_estimate,
@@ -21,6 +21,7 @@ from agents.evaluation.measure import TaskResult
 from agents.evaluation.scores import read_scores
 from agents.scoring import tail_mean
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 THRESHOLDS = np.linspace(-0.5, 1.1, 65)  # scores at which the performance profile is taken
 
@@ -56,7 +57,7 @@ class Overall:
     mean: Estimate  # interquartile mean of its scores
     # (thresholds, 3): the fraction of its scores that is greater than each of `THRESHOLDS`, with
     # the ends of the 95 % interval.
-    profile: Values
+    profile: Array
     improvement: Mapping[str, float]  # label -> probability that it does better than another
 
 
@@ -102,7 +103,7 @@ def conclude(
     return Comparison(episodes, tables, results, overall)
 
 
-def scores_of(means: Values, constant: Values, ratio: float) -> Values:
+def scores_of(means: Array, constant: Array, ratio: float) -> Array:
     """Return the scores of mean penalties, with those of the best constant in the same episodes.
 
     J_best found is the given ratio times J_constant: both are of the committed episodes, which
@@ -111,12 +112,12 @@ def scores_of(means: Values, constant: Values, ratio: float) -> Values:
     return (1.0 - np.sqrt(means / constant)) / (1.0 - ratio)
 
 
-def _table(result: TaskResult, drawn: Values, ratio: float | None) -> list[Row]:
+def _table(result: TaskResult, drawn: Array, ratio: float | None) -> list[Row]:
     rows = [_row(result, k, drawn, ratio) for k in range(len(result.labels))]
     return sorted(rows, key=lambda row: row.cost.value)
 
 
-def _row(result: TaskResult, k: int, drawn: Values, ratio: float | None) -> Row:
+def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
     sample, reference = result.sample, result.reference
     own, seeds = sample.penalties[k], sample.penalties.shape[1]
     trained = bool(sample.trained[k])
@@ -145,7 +146,7 @@ def _row(result: TaskResult, k: int, drawn: Values, ratio: float | None) -> Row:
     )
 
 
-def _change(result: TaskResult, k: int, drawn: Values) -> Estimate | None:
+def _change(result: TaskResult, k: int, drawn: Array) -> Estimate | None:
     """Return how a controller's cost differs from that of the reference in the same episodes."""
     sample, reference = result.sample, result.compared
     if k == reference or not drawn[reference].all():
@@ -162,7 +163,7 @@ def _change(result: TaskResult, k: int, drawn: Values) -> Estimate | None:
 
 
 def _overall(
-    results: Sequence[TaskResult], resampled: Sequence[Values], ratios: Sequence[float]
+    results: Sequence[TaskResult], resampled: Sequence[Array], ratios: Sequence[float]
 ) -> list[Overall]:
     """Return the aggregates of the controllers that were on all tasks."""
     indices = {
@@ -172,8 +173,8 @@ def _overall(
     }
     if all(result.chosen is not None for result in results):
         indices[CHOSEN] = [result.chosen or 0 for result in results]
-    scores: dict[str, Values] = {}
-    drawn: dict[str, Values] = {}
+    scores: dict[str, Array] = {}
+    drawn: dict[str, Array] = {}
     for label, rows in indices.items():
         measured, resamples = [], []
         for result, draws, ratio, k in zip(results, resampled, ratios, rows, strict=True):
@@ -206,6 +207,6 @@ def _overall(
     return sorted(found, key=lambda one: -one.mean.value)
 
 
-def _profile(scores: Values, drawn: Values) -> Values:
+def _profile(scores: Array, drawn: Array) -> Array:
     ends = np.percentile(performance_profile(drawn, THRESHOLDS), (2.5, 97.5), axis=0)
     return np.column_stack([performance_profile(scores, THRESHOLDS), *ends])

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.controller import Controller
 from agents.controllers.learned import Learned
@@ -21,6 +20,7 @@ from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate
 from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, RunError
 from mm_gym import OwnReward, Scene, SceneError, load_scene, rewarded
+from mm_gym.arrays import Array
 from mm_gym.errors import suggest
 from mm_gym.tasks import ids, robust_ids, task_or_scene
 from mm_gym.user_code import is_path
@@ -116,7 +116,7 @@ class Entry:
         """Whether each seed is a training of its own."""
         return len(self.controllers) > 1
 
-    def penalties(self, scene: Scene, episodes: Episodes) -> NDArray[np.float64]:
+    def penalties(self, scene: Scene, episodes: Episodes) -> Array:
         """Return the penalties (seeds, episodes) of the episodes, those of a controller at once."""
         each, parts = episodes.each, [episodes]
         if self.trained:

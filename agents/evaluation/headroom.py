@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.controller import Controller
 from agents.control.feedback import Feedback
@@ -22,6 +21,7 @@ from agents.controllers.tuned import (
 from agents.evaluation.plans import Effort, Planner, Replanner
 from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
 from mm_gym import DesignError, Scene
+from mm_gym.arrays import Array
 from mm_gym.metrics import passive_scene
 
 Row = dict[str, Any]
@@ -58,13 +58,13 @@ class Headroom(NamedTuple):
     # last, has two entries more: the seed of its search, and of each episode the cost and where the
     # plan is from.
     rows: list[Row]
-    plans: NDArray[np.float64]  # (steps, episodes, k) what the clairvoyant optima apply [N, -]
+    plans: Array  # (steps, episodes, k) what the clairvoyant optima apply [N, -]
 
 
 def headroom(
     scene: Scene,
     learned: Sequence[Controller] = (),
-    kept: NDArray[np.float64] | None = None,
+    kept: Array | None = None,
     seed: int = 0,
 ) -> Headroom:
     """Score every controller, the planner last, on the same held-out episodes.
@@ -85,7 +85,7 @@ def headroom(
     return Headroom([*rows, row], plans)
 
 
-def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, NDArray[np.float64]]:
+def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, Array]:
     """Return what controllers with other numbers did, as starts of plans: the best of each episode.
 
     Numbers that suit all episodes suit none best. Those of `VARIED` designs of each controller that
@@ -119,7 +119,7 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, N
 
 def adapted(
     scene: Scene, tunable: Tunable, generator: np.random.Generator, episodes: int = EPISODES
-) -> NDArray[np.float64]:
+) -> Array:
     """Return what a controller applied (steps, episodes, k) with the best numbers of each episode.
 
     Each episode has a search of its own: an evolution strategy of one parent and one child. Its
@@ -173,7 +173,7 @@ def preview(scene: Scene) -> dict[str, float]:
 
 def over_plans(
     scene: Scene, controllers: Iterable[Controller], rows: Sequence[Mapping[str, Any]]
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, Array]:
     """Return each controller's costs over those of the clairvoyant optima, episode by episode.
 
     Rows are as of `Headroom`.
@@ -215,9 +215,7 @@ def least_cost(rows: Sequence[Mapping[str, str | float]]) -> float:
     return min(float(row["cost"]) for row in rows if row["role"] != "passive")
 
 
-def planned(
-    scene: Scene, starts: Mapping[str, NDArray[np.float64]], seed: int = 0
-) -> tuple[Row, NDArray[np.float64]]:
+def planned(scene: Scene, starts: Mapping[str, Array], seed: int = 0) -> tuple[Row, Array]:
     """Return the planner's row and what it applied, given what others did (steps, episodes, k)."""
     planner = Planner(scene, starts, Effort(seed=seed))
     result = evaluate(scene, planner, episodes=EPISODES)
@@ -243,12 +241,12 @@ def row_of(role: str, result: Evaluation) -> Row:
     }
 
 
-def interval(penalties: NDArray[np.float64]) -> tuple[float, float]:
+def interval(penalties: Array) -> tuple[float, float]:
     """Return the 95 % interval of the cost: the bootstrap's percentiles over episodes.
 
     Penalties are as in `Evaluation`; the cost is the root of their mean.
     """
     drawn = np.random.default_rng(0).integers(penalties.size, size=(RESAMPLES, penalties.size))
-    means: NDArray[np.float64] = penalties[drawn].mean(axis=1)
+    means: Array = penalties[drawn].mean(axis=1)
     low, high = np.sqrt(np.percentile(means, (2.5, 97.5)))
     return float(low), float(high)

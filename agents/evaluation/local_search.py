@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import Values
 from mm_gym import MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array
 
 CHILDREN = 48
 """Changed plans of each episode in a generation, of which the best is kept if it costs less."""
@@ -63,7 +63,7 @@ class LocalSearch:
             for name, value in start.items()
         }
 
-    def improve(self, plans: Values, generations: int) -> Values:
+    def improve(self, plans: Array, generations: int) -> Array:
         """Return what better plans apply (steps, episodes, k), given actions (steps, k, episodes).
 
         Plans that end their episode early cost more than any that lasts.
@@ -84,7 +84,7 @@ class LocalSearch:
             best = np.where(better, children[..., least * self.count + rows], best)
         return self._applied(best)
 
-    def _costs(self, plans: Values) -> Values:
+    def _costs(self, plans: Array) -> Array:
         """Return the sum of -reward of each plan, infinite where the episode ends early."""
         costs = np.zeros(plans.shape[2])
         for reward, terminated, _ in self._steps(plans):
@@ -92,12 +92,12 @@ class LocalSearch:
             costs[terminated] = np.inf
         return costs
 
-    def _applied(self, plans: Values) -> Values:
+    def _applied(self, plans: Array) -> Array:
         """Return what plans apply (steps, episodes, k)."""
         steps = self._steps(np.tile(plans, CHILDREN))
         return np.array([info["applied"][: self.count].copy() for _, _, info in steps])
 
-    def _steps(self, plans: Values) -> Iterator[tuple[Values, NDArray[np.bool_], dict[str, Any]]]:
+    def _steps(self, plans: Array) -> Iterator[tuple[Array, NDArray[np.bool_], dict[str, Any]]]:
         """Yield reward, ends and info of each step; lanes that end are begun again."""
         self.env.set_state(self.start)
         for action in plans:
@@ -106,7 +106,7 @@ class LocalSearch:
             if terminated.any():
                 self.env.reset(options={"reset_mask": terminated})
 
-    def _part(self, plans: Values) -> Part:
+    def _part(self, plans: Array) -> Part:
         """Return a random part of each plan."""
         steps, columns, lanes = plans.shape
         longest = np.log(max(2.0, LONGEST * steps))
@@ -116,33 +116,33 @@ class LocalSearch:
         column = np.arange(columns)[:, None] == self.noise.integers(columns, size=lanes)
         return Part((elapsed >= 0) & (elapsed < length) & column, elapsed, length)
 
-    def _sizes(self, lanes: int) -> Values:
+    def _sizes(self, lanes: int) -> Array:
         return np.exp(self.noise.uniform(np.log(LEAST), np.log(MOST), lanes))
 
-    def _bumped(self, plans: Values, part: Part) -> Values:
+    def _bumped(self, plans: Array, part: Part) -> Array:
         """Return plans with half a wave of the part's length added."""
         lanes = plans.shape[2]
         size = self._sizes(lanes) * self.noise.choice((-1.0, 1.0), lanes)
         return plans + size * np.sin(np.pi * (part.elapsed + 0.5) / part.length)
 
-    def _scattered(self, plans: Values, part: Part) -> Values:
+    def _scattered(self, plans: Array, part: Part) -> Array:
         """Return plans with white noise added."""
         return plans + self._sizes(plans.shape[2]) * self.noise.standard_normal(plans.shape)
 
-    def _held(self, plans: Values, part: Part) -> Values:
+    def _held(self, plans: Array, part: Part) -> Array:
         """Return plans that hold one value, in half of the cases that of a limit."""
         lanes = plans.shape[2]
         value = self.noise.uniform(-1.0, 1.0, lanes)
         at_limit = self.noise.random(lanes) < 0.5  # noqa: PLR2004 - a half
         return np.broadcast_to(np.where(at_limit, np.sign(value), value), plans.shape)
 
-    def _moved(self, plans: Values, part: Part) -> Values:
+    def _moved(self, plans: Array, part: Part) -> Array:
         """Return plans some steps earlier or later."""
         steps, _, lanes = plans.shape
         by = self.noise.integers(1, FURTHEST + 1, lanes) * self.noise.choice((-1, 1), lanes)
         return np.take_along_axis(plans, (np.arange(steps)[:, None, None] - by) % steps, axis=0)
 
-    def _of_another(self, plans: Values, part: Part) -> Values:
+    def _of_another(self, plans: Array, part: Part) -> Array:
         """Return plans between their own and that of another episode."""
         lanes = plans.shape[2]
         others = np.roll(plans, self.noise.integers(lanes), axis=2)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.control.controller import Controller, Memory, Reads, Values
+from agents.control.controller import Controller, Memory, Reads
 from agents.control.trajectories import Trajectories, Trajectory
 from agents.evaluation.local_search import LocalSearch
 from mm_gym import MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array, Single
 
 CORRELATIONS = (0.0, 0.6, 0.9)
 """Correlation of successive controls' noise: white noise hardly moves the carriage."""
@@ -73,7 +73,7 @@ class Planner(Controller):
     reads: Reads = "episode"
 
     def __init__(
-        self, scene: Scene, starts: Mapping[str, Values], effort: Effort | None = None
+        self, scene: Scene, starts: Mapping[str, Array], effort: Effort | None = None
     ) -> None:
         self.scene, self.starts, self.effort = scene, starts, effort or Effort()
         self.origins: list[str] = []
@@ -100,8 +100,8 @@ class Planner(Controller):
         return {"step": np.zeros(env.num_envs, np.int64), "plan": plan}
 
     def propose(
-        self, memory: Memory, observation: NDArray[np.float32], info: dict[str, Any]
-    ) -> tuple[Values, Memory]:
+        self, memory: Memory, observation: Single, info: dict[str, Any]
+    ) -> tuple[Array, Memory]:
         step, plan = memory["step"], memory["plan"]
         return plan[np.arange(len(plan)), step], {"step": step + 1, "plan": plan}
 
@@ -118,7 +118,7 @@ class Planner(Controller):
             origins = [names[k] for k in place]
             self._keep(controls[:, :, place, rows], self.effort.second, origins)
 
-    def _starts(self) -> Iterator[tuple[str, Values]]:
+    def _starts(self) -> Iterator[tuple[str, Array]]:
         for name, applied in self.starts.items():
             yield name, self.problem.controls_of(applied)
         still = np.zeros(self.controls.shape)
@@ -146,7 +146,7 @@ class Planner(Controller):
         }
         self._go_on({n: np.clip(plan, -1.0, 1.0) for n, plan in plans.items()}, self.effort.steps)
 
-    def _go_on(self, plans: Mapping[str, Values], steps: int) -> None:
+    def _go_on(self, plans: Mapping[str, Array], steps: int) -> None:
         """Improve plans, and keep those that are better than the best."""
         found = self._improved(plans, steps)
         count = self.controls.shape[2]
@@ -155,11 +155,11 @@ class Planner(Controller):
             origins = [f"{origin}, {name}" if name else origin for origin in self.origins]
             self._take(found.controls[..., own], found.actions[..., own], found.cost[own], origins)
 
-    def _keep(self, controls: Values, steps: int, origins: list[str]) -> None:
+    def _keep(self, controls: Array, steps: int, origins: list[str]) -> None:
         found = self.problem.improve(np.arange(controls.shape[2]), controls, steps)
         self._take(found.controls, found.actions, found.cost, origins)
 
-    def _take(self, controls: Values, actions: Values, cost: Values, origins: list[str]) -> None:
+    def _take(self, controls: Array, actions: Array, cost: Array, origins: list[str]) -> None:
         """Keep the plans of the lanes in which they are better than the best."""
         better = cost < self.cost
         self.controls = np.where(better, controls, self.controls)
@@ -168,19 +168,19 @@ class Planner(Controller):
         pairs = zip(better, origins, self.origins, strict=True)
         self.origins = [new if is_better else old for is_better, new, old in pairs]
 
-    def _improved(self, plans: Mapping[str, Values], steps: int) -> Trajectory:
+    def _improved(self, plans: Mapping[str, Array], steps: int) -> Trajectory:
         together = np.concatenate(list(plans.values()), axis=2)
         episodes = np.tile(np.arange(self.controls.shape[2]), len(plans))
         return self.problem.improve(episodes, together, steps)
 
-    def _drawn(self, correlation: float) -> Values:
+    def _drawn(self, correlation: float) -> Array:
         """Return noise like the controls, of unit variance, correlated from step to step."""
         noise = self.noise.standard_normal(self.controls.shape)
         for k in range(1, len(noise)):
             noise[k] = correlation * noise[k - 1] + np.sqrt(1.0 - correlation**2) * noise[k]
         return noise
 
-    def _window(self) -> Values:
+    def _window(self) -> Array:
         """Return 1 in a random part of each episode, from a twentieth to a third of it, else 0."""
         steps, lanes = self.controls.shape[0], self.controls.shape[2]
         length = self.noise.integers(max(1, steps // 20), max(2, steps // 3), lanes)
@@ -210,8 +210,8 @@ class Replanner(Controller):
         return {"begun": np.zeros(lanes, np.bool_), "plan": np.zeros((lanes, AHEAD, columns))}
 
     def propose(
-        self, memory: Memory, observation: NDArray[np.float32], info: dict[str, Any]
-    ) -> tuple[Values, Memory]:
+        self, memory: Memory, observation: Single, info: dict[str, Any]
+    ) -> tuple[Array, Memory]:
         start, lanes = self.env.get_state(), np.arange(self.env.num_envs)
         problem = Trajectories(self.scene, self.env.plant, start, AHEAD, foresees=self.foresees)
         rounds = ROUNDS if memory["begun"].all() else FIRST

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.controller import Controller
 from agents.controllers.constant import best_constant
@@ -20,6 +19,7 @@ from agents.evaluation.headroom import CLASSICAL, controllers_of, interval
 from agents.network.files import content_of, read_content
 from agents.scoring import VALIDATION_SEED, evaluate
 from mm_gym import DesignError, Scene, SceneError
+from mm_gym.arrays import Array
 from mm_gym.files import read_bytes, write_bytes
 
 Row = dict[str, Any]
@@ -51,7 +51,7 @@ class Scored:
     name: str
     role: str
     # (seeds, episodes) as in `agents.scoring.Evaluation`, of the same episodes.
-    penalties: NDArray[np.float64]
+    penalties: Array
 
     @property
     def cost(self) -> float:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import periodogram
 
-from agents.control.controller import Controller, Values
+from agents.control.controller import Controller
 from agents.control.scene import drawn_but
 from agents.evaluation.contestants import Entry, Episodes
 from agents.rollout import Rollout
@@ -28,6 +28,7 @@ from mm_gym import (
     compile_scene,
     metrics,
 )
+from mm_gym.arrays import Array
 
 NOMINAL = "as designed"
 
@@ -170,12 +171,12 @@ class ClosedLoop:
     """The steady response of one controller."""
 
     label: str  # of the controller
-    frequencies: Values  # (n,) of the force [rad/s]
-    forces: Values  # (m,) its amplitudes [N]
+    frequencies: Array  # (n,) of the force [rad/s]
+    forces: Array  # (m,) its amplitudes [N]
     # (m, n) amplitude of x1 at the frequency of the force over the static deflection F / k1 [-].
-    gain: Values
+    gain: Array
     # (m, n) root mean square of the rest of x1 over that of all [-]: 0 if x1 is harmonic.
-    distortion: Values
+    distortion: Array
 
 
 def closed_loop(scene: Scene, controller: Controller, label: str) -> ClosedLoop:
@@ -206,7 +207,7 @@ def closed_loop(scene: Scene, controller: Controller, label: str) -> ClosedLoop:
     )
 
 
-def _shaken(scene: Scene, lanes: dict[str, Values], steps: int) -> Scene:
+def _shaken(scene: Scene, lanes: dict[str, Array], steps: int) -> Scene:
     """Return the scene at rest under a harmonic force whose numbers are drawn."""
     drawn = drawn_but(scene, "excitation.")
     harmonic = {"kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
@@ -223,7 +224,7 @@ def _shaken(scene: Scene, lanes: dict[str, Values], steps: int) -> Scene:
     )
 
 
-def _harmonic_part(time: Values, values: Values, frequencies: Values) -> tuple[Values, Values]:
+def _harmonic_part(time: Array, values: Array, frequencies: Array) -> tuple[Array, Array]:
     """Return the amplitude (lanes,) at each frequency, and how much of the values is not of it.
 
     Least squares of a constant and a harmonic: the time need not be whole periods.
@@ -287,13 +288,13 @@ def efforts(scene: Scene, rows: Sequence[Entry], episodes: Episodes) -> list[Eff
 class Motions:
     """What one controller did in some episodes; NaN after an early end."""
 
-    time: Values  # (steps + 1,) from the start of the episode [s]
+    time: Array  # (steps + 1,) from the start of the episode [s]
     # displacement, stroke: (steps + 1, episodes): x1 and x2 - x1 [m].
-    displacement: Values
-    stroke: Values
-    applied: Values  # (steps + 1, episodes, k): what the actuators have, in the order of the action
+    displacement: Array
+    stroke: Array
+    applied: Array  # (steps + 1, episodes, k): what the actuators have, in the order of the action
 
-    def spectrum(self) -> tuple[Values, Values]:
+    def spectrum(self) -> tuple[Array, Array]:
         """Return frequencies (n,) [Hz] and the one-sided power spectral density of x1 [m^2/Hz].
 
         It is the mean of the periodograms, in Hann's window, of the episodes that lasted to their

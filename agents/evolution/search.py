@@ -14,10 +14,8 @@ from functools import cached_property
 from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from agents.control.controller import Values
 from agents.controllers.searched import cma_strategy
 from agents.evolution.network_kernel import forward
 from agents.network.files import Arrays
@@ -36,6 +34,7 @@ from agents.training.scales import Scales
 from agents.training.search import Search
 from agents.training.starts import IN_WORDS, start_of
 from mm_gym import Episodes, MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array, Single
 
 
 class EvolveSettings(SearchSettings):
@@ -89,7 +88,7 @@ class Population:
         self.frames = candidates * trial.episodes * trial.scene.control.steps
         self.threads = ThreadPoolExecutor(threads)
 
-    def costs(self, vectors: Values, seeds: Sequence[int]) -> Values:
+    def costs(self, vectors: Array, seeds: Sequence[int]) -> Array:
         """Return the mean penalty (candidates,) of each vector (candidates, N), as `evaluate` has.
 
         A seed is that of an episode of every candidate.
@@ -127,8 +126,8 @@ class Candidates:
         return self.env.closed_loop(forward, *self.arguments)
 
     def costs(
-        self, vectors: Values, seeds: Sequence[int], options: Mapping[str, Values] | None = None
-    ) -> Values:
+        self, vectors: Array, seeds: Sequence[int], options: Mapping[str, Array] | None = None
+    ) -> Array:
         """Return the mean penalty (candidates,) of each vector (candidates, N), as `evaluate` has.
 
         Seeds and options are those of the episodes of every candidate.
@@ -200,7 +199,7 @@ class Evolution(Search):
             CMA_stds=self.network.spreads()[self.free],
             CMA_diagonal=settings.separable,
         )
-        self.costs: Values = np.empty((self.total, settings.candidates))
+        self.costs: Array = np.empty((self.total, settings.candidates))
 
     @property
     def total(self) -> int:
@@ -220,16 +219,16 @@ class Evolution(Search):
     def _state(self) -> Arrays:
         return {"evolution/costs": self.costs[: self.rounds]}
 
-    def _asked(self) -> Values:
+    def _asked(self) -> Array:
         return np.array(self.strategy.ask())
 
-    def _whole(self, vectors: Values) -> Values:
+    def _whole(self, vectors: Array) -> Array:
         """Return the networks' vectors (candidates, N) of those that are searched."""
         whole = np.tile(self.first, (len(vectors), 1))
         whole[:, self.free] = vectors
         return whole
 
-    def _tell(self, vectors: Values, costs: Values) -> None:
+    def _tell(self, vectors: Array, costs: Array) -> None:
         self.strategy.tell(list(vectors), costs.tolist())
         self.costs[self.rounds] = costs
 
@@ -259,6 +258,3 @@ class Evolution(Search):
 
     def _policy(self, parameters: Arrays) -> Policy:
         return self.network.policy(np.asarray(parameters["vector"], np.float64))
-
-
-Single = NDArray[np.float32]

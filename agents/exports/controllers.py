@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from agents.control.controller import Controller, Values
+from agents.control.controller import Controller
 from agents.controllers.lqg import LQG, state_units
 from agents.network.layers import Clip, Dense, Regulator, Residual
 from agents.network.policy import Policy
 from agents.training.parts import base_controller
 from mm_gym import MovingMassVectorEnv, Scene, SceneError, compile_scene
+from mm_gym.arrays import Array
 
 SMALL = 2.0**-14
 """Observation whose action is not clipped; a power of two, which single precision has exactly."""
@@ -19,7 +20,7 @@ CLOSE = 1e-9
 """Largest difference of a linear law from its gains: round-off is less, a second law more."""
 
 
-def linear_base(base: Controller, scene: Scene) -> Values | None:
+def linear_base(base: Controller, scene: Scene) -> Array | None:
     """Return gains and constants (k, n + 1) of a base, or None if it is not a linear law.
 
     A law is linear if its clipped action is that of its gains on random observations, small and
@@ -49,7 +50,7 @@ def linear_base(base: Controller, scene: Scene) -> Values | None:
     return gains
 
 
-def residual(policy: Policy, gains: Values, authority: float) -> Policy:
+def residual(policy: Policy, gains: Array, authority: float) -> Policy:
     """Return a policy added to a linear controller of gains and constants (k, n + 1)."""
     base = gains.astype(np.float32)
     return Policy((Residual(policy.layers, base, authority),), policy.observed - len(base))

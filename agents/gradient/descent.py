@@ -6,10 +6,6 @@ policy that is validated is the mean over the last iterations, weighted exponent
 Juditsky, SIAM J. Control Optim. 30, 1992).
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from agents.gradient.episodes import MOST, Episodes
@@ -21,26 +17,26 @@ from agents.gradient.network import (
     policy_of,
     with_oscillators,
 )
-from agents.gradient.settings import AVERAGED, FIRST, SECOND, STEEPEST, fitted, schedule
+from agents.gradient.settings import (
+    AVERAGED,
+    FIRST,
+    SECOND,
+    STEEPEST,
+    GradientSettings,
+    fitted,
+    schedule,
+)
 from agents.network.layers import UNIT
-from agents.training.arrays import part_of
+from agents.policies import Policy
+from agents.training.arrays import Arrays, part_of
 from agents.training.config import training_seeds
 from agents.training.network import Network as Evolved
+from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.search import Search
-from agents.training.starts import IN_WORDS, start_of
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.gradient.settings import GradientSettings
-    from agents.policies import Policy
-    from agents.training.arrays import Arrays
-    from agents.training.runs import Run
-    from agents.training.starts import Start
-    from mm_gym import Scene
-
-    Single = NDArray[np.float32]
+from agents.training.starts import IN_WORDS, Start, start_of
+from mm_gym import Scene
+from mm_gym.arrays import Single
 
 BIASES = ("bias", "last")
 

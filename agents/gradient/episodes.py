@@ -1,26 +1,17 @@
 """Episodes side by side, and the slopes of their cost, carried back through the exact physics."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.control.observed_state import ROWS
 from agents.controllers.lqr import state_weight
-from mm_gym import DesignError, MovingMassVectorEnv
+from agents.gradient.network import Network
+from mm_gym import DesignError, MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array, Single
 from mm_gym.differences import Outputs
 from mm_gym.sensitivity import Sensitivities
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from agents.gradient.network import Network
-    from mm_gym import Scene
-
-    Values = NDArray[np.float64]
 
 FROM_OUTSIDE = ("disturbance_force", "ground_acceleration")
 """Channels that no action changes."""
@@ -73,10 +64,10 @@ class Episodes:
         if not derived:
             self.weight[:4, :4] = state_weight(scene)
         self.effort = 0.0 if own else objective.effort_weight
-        self.states: Values = np.empty((self.steps, self.motion, lanes))
-        self.actions: Values = np.empty((self.steps, size, lanes))
+        self.states: Array = np.empty((self.steps, self.motion, lanes))
+        self.actions: Array = np.empty((self.steps, size, lanes))
 
-    def _begin(self, seeds: Sequence[int]) -> NDArray[np.float32]:
+    def _begin(self, seeds: Sequence[int]) -> Single:
         """Begin the episodes of the seeds; return what they show."""
         observation, _ = self.env.reset(seed=list(seeds))
         start, plant = self.env.get_state(), self.env.plant
@@ -88,7 +79,7 @@ class Episodes:
         """Return the mean of -reward of the episodes of the seeds, as `evaluate` has."""
         observation = self._begin(seeds)
         self.jacobians, self.newest, total = [], [], 0.0
-        self.slopes: list[Values] = []
+        self.slopes: list[Array] = []
         for step in range(self.steps):
             self.newest.append(step - self._ages(step))
             asked = network.act(step, observation.T)
@@ -110,7 +101,7 @@ class Episodes:
         row = self.env.plant.support.age_row
         if not row:
             return np.full(self.lanes, min(step, self.env.plant.delay))
-        values: Values = self.env.get_state()["values"]  # pyright: ignore[reportAssignmentType] - of a snapshot
+        values: Array = self.env.get_state()["values"]  # pyright: ignore[reportAssignmentType] - of a snapshot
         return values[row].astype(np.int64)
 
     def back(
@@ -139,14 +130,14 @@ class Episodes:
         part = 2.0 / (self.lanes * self.steps)
         history, every = self.env.plant.history, np.arange(self.lanes)
         rows, size = len(self.env.plant.observed), self.jacobians[0][0].shape[1]
-        state: Values = np.zeros((size, self.lanes))
+        state: Array = np.zeros((size, self.lanes))
         # Of each step the ages of the frames observed, the newest first.
         ages = [
             [step - self.newest[max(step - k, 0)] for k in range(history)]
             for step in range(self.steps)
         ]
         oldest = max(int(np.max(of_step)) for of_step in ages)
-        frames: Values = np.zeros((oldest + 1, rows, self.lanes))  # of this step and before
+        frames: Array = np.zeros((oldest + 1, rows, self.lanes))  # of this step and before
         scale = np.zeros(size)
         scale[: self.motion] = np.sqrt(np.mean(self.states**2, axis=(0, 2)))
         for step in range(self.steps - 1, -1, -1):
@@ -174,14 +165,14 @@ class Episodes:
             frames[-1] = 0.0
 
 
-def _bounded(sizes: Values, most: float) -> Values:
+def _bounded(sizes: Array, most: float) -> Array:
     """Return the factors (lanes,) that make no size larger than so many times the median."""
     half = sizes.size // 2
     largest = max(most * float(np.partition(sizes, half)[half]), np.finfo(float).tiny)
     return largest / np.maximum(sizes, largest)
 
 
-def _shown(env: MovingMassVectorEnv, physics: Sensitivities) -> Values | None:
+def _shown(env: MovingMassVectorEnv, physics: Sensitivities) -> Array | None:
     """Return the slopes (channels, state) of a frame over the state of the Jacobians.
 
     They are None where a channel is no linear function of the state.

@@ -1,25 +1,16 @@
 """A policy over lanes, followed forwards through an episode and back to its parameters."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.network.layers import UNIT, Correlation
+from agents.policies import Policy
+from agents.training.arrays import Arrays
+from agents.training.starts import Start
+from mm_gym.arrays import Array, Single
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.policies import Policy
-    from agents.training.arrays import Arrays
-    from agents.training.starts import Start
-
-    Single = NDArray[np.float32]
-    Values = NDArray[np.float64]
-
-    Parameters = dict[str, Single]
+Parameters = dict[str, Single]
 
 REAL = np.float32
 """Of the passes; the physics is in double precision."""
@@ -188,7 +179,7 @@ class Network:
         for slopes in (*self.gradient.values(), *self._remembered, self.by_acted):
             slopes[:] = 0.0
 
-    def back(self, step: int, by_action: Values, *, inwards: bool = False) -> Single:
+    def back(self, step: int, by_action: Array, *, inwards: bool = False) -> Single:
         """Return the slopes over the observation (n, lanes), given the motion's over the actions.
 
         Those over the parameters are added to the gradient. Steps come from the last to the first.
@@ -242,7 +233,7 @@ class Network:
         self.by_squares *= self.kept
         return by_pairs
 
-    def fade(self, factor: Values) -> None:
+    def fade(self, factor: Array) -> None:
         """Multiply the slopes over what is remembered by a factor (lanes,).
 
         Those over the last action stay, as the motion's over the action do: an observer knows the

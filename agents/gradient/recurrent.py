@@ -4,16 +4,15 @@ Any network of `agents.network` could be trained so. The small network has a way
 `agents.gradient.network`: an iteration takes a quarter to a third of the time.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from agents.gradient.episodes import MOST
 from agents.gradient.network import with_oscillators
-from agents.gradient.settings import AVERAGED, FIRST, SECOND, schedule
+from agents.gradient.settings import AVERAGED, FIRST, SECOND, GradientSettings, schedule
 from agents.network.layers import (
     GRU,
     UNIT,
@@ -22,28 +21,19 @@ from agents.network.layers import (
     Clip,
     Correlation,
     Dense,
+    Layer,
     Observer,
     Skip,
 )
 from agents.network.module import Module
 from agents.network.policy import Policy
-from agents.training.arrays import part_of
+from agents.training.arrays import Arrays, part_of
 from agents.training.config import training_seeds
 from agents.training.search import Search
-from agents.training.starts import IN_WORDS, start_of
+from agents.training.starts import IN_WORDS, Start, start_of
+from mm_gym import Scene
+from mm_gym.arrays import Array, Single
 from mm_gym.torch import Episodes
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-    from torch import Tensor
-
-    from agents.gradient.settings import GradientSettings
-    from agents.network.layers import Layer
-    from agents.training.arrays import Arrays
-    from agents.training.starts import Start
-    from mm_gym import Scene
-
-    Values = NDArray[np.float64]
 
 MOMENTS = ("exp_avg", "exp_avg_sq")
 """What torch's Adam remembers of each parameter."""
@@ -74,7 +64,7 @@ def with_cell(start: Start, settings: GradientSettings, generator: np.random.Gen
     begun = slice(own, own + h)
     keep, enter = linear.keep[begun, begun], np.pad(linear.enter[begun], ((0, 0), (0, own)))
 
-    def gates(*shape: int) -> Values:
+    def gates(*shape: int) -> Array:
         return generator.uniform(-GATES, GATES, shape) / np.sqrt(h)
 
     kept, bias = 1.0 - OPEN, np.log(OPEN / (1.0 - OPEN))
@@ -108,7 +98,7 @@ def with_cell(start: Start, settings: GradientSettings, generator: np.random.Gen
     return Policy(layers, n)
 
 
-def _single(array: Values) -> NDArray[np.float32]:
+def _single(array: Array) -> Single:
     return array.astype(np.float32)
 
 

@@ -1,17 +1,13 @@
 """The settings of a training by analytic policy gradients."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from agents.control.scene import plant_of
 from agents.training.config import Count, Positive, SearchSettings
-
-if TYPE_CHECKING:
-    from mm_gym import Scene
+from mm_gym import Scene
 
 FIRST, SECOND = 0.9, 0.99
 """Adam's memory of the gradients, and of their squares."""

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from agents.network.graph import Graph, Operation, Signal, Values
+from agents.network.graph import Graph, Operation, Signal
 from agents.network.interface import Interface
+from mm_gym.arrays import Array
 
 FUNCTIONS = {
     "tanh": "hyperbolic({})",
@@ -98,12 +99,12 @@ class _Writer:
     used: dict[Operation, tuple[int, int]] = field(default_factory=dict)
     working: int = 0
 
-    def table(self, values: Values) -> str:
+    def table(self, values: Array) -> str:
         """Return the name of a table of constants."""
         numbers = tuple(_literal(value) for value in np.ravel(values))
         return self.tables.setdefault(numbers, f"constants_{len(self.tables)}")
 
-    def operand(self, one: Signal | Values) -> str:
+    def operand(self, one: Signal | Array) -> str:
         """Return the i-th number of a signal or of a constant."""
         if isinstance(one, Signal):
             return self.element(self.places[one.made_by], one.shape[1])

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
-from numpy.typing import NDArray
 
-Values = NDArray[np.float64]
+from mm_gym.arrays import Array
 
 UNARY = ("tanh", "negative", "absolute", "sqrt")
 BINARY = ("add", "subtract", "multiply", "divide", "minimum", "maximum")
@@ -28,7 +27,7 @@ class Operation:
 
     # "input", "slice", "concatenate", "product" (x @ W.T, + bias), or one of `UNARY` or `BINARY`.
     name: str
-    inputs: list[Signal | Values]  # signals, or constants: arrays (n,), or (m, n) of a product
+    inputs: list[Signal | Array]  # signals, or constants: arrays (n,), or (m, n) of a product
     width: int  # how many numbers it makes in each lane
     first: int = 0  # of a slice, the number of its input with which it begins
 
@@ -78,12 +77,12 @@ class Signal(NDArrayOperatorsMixin):
         return NotImplemented
 
 
-def _row(value: object) -> Values:
+def _row(value: object) -> Array:
     """Return a constant as numbers (n,)."""
     return np.asarray(value, np.float64).reshape(-1)
 
 
-def _width(one: Signal | Values) -> int:
+def _width(one: Signal | Array) -> int:
     return one.shape[1] if isinstance(one, Signal) else len(one)
 
 
@@ -101,7 +100,7 @@ class Graph:
         self.inputs[name] = self.add("input", [], width)
         return self.inputs[name]
 
-    def add(self, name: str, inputs: list[Signal | Values], width: int, first: int = 0) -> Signal:
+    def add(self, name: str, inputs: list[Signal | Array], width: int, first: int = 0) -> Signal:
         """Append an operation."""
         before = inputs[0].made_by if inputs and isinstance(inputs[0], Signal) else None
         if name == "add" and before is not None and before.name == "product":

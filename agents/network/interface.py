@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mm_gym import Scene, compile_scene
+from mm_gym.arrays import Array
 from mm_gym.scene import Document
-
-Values = NDArray[np.float64]
 
 UNITS = {"force": "N", "stretch": "-", "damping": "N s/m", "voltage": "V"}
 """Of what actuators apply."""
@@ -86,7 +84,7 @@ class Interface(Document):
             commands=tuple(_command(scene, name) for name in scene.actuation.names),
         )
 
-    def commanded(self, actions: Values) -> Values:
+    def commanded(self, actions: Array) -> Array:
         """Return the commands (..., k) of actions in [-1, 1], in the units of `commands`."""
         low, high = np.array([(one.low, one.high) for one in self.commands]).T
         return 0.5 * (high + low) + 0.5 * (high - low) * actions

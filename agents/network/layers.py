@@ -14,10 +14,8 @@ from dataclasses import dataclass, fields
 from types import ModuleType
 from typing import Any, ClassVar, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+from mm_gym.arrays import Single
 
-Single = NDArray[np.float32]
 Numbers: TypeAlias = Any  # arrays of NumPy, tensors of torch, or signals
 
 

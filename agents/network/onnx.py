@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.network.graph import Graph, Operation, Signal, Values
+from agents.network.graph import Graph, Operation, Signal
+from mm_gym.arrays import Array
 
 OPSET, FORMAT = 17, 8  # versions of operators and file, of 2022: runtimes since read them
 
@@ -101,14 +102,14 @@ class _File:
             return self.add("Gemm", *given, transB=1)
         return self.add(OPERATORS[one.name], *given)
 
-    def add(self, operator: str, *inputs: str | Values, **attributes: object) -> str:
+    def add(self, operator: str, *inputs: str | Array, **attributes: object) -> str:
         """Append an operator; return its output. Inputs that are numbers become constants."""
         name = f"{operator}_{len(self.nodes)}"
         names = [text if isinstance(text, str) else self._constant(text) for text in inputs]
         self.nodes.append(self.onnx.helper.make_node(operator, names, [name], name, **attributes))
         return name
 
-    def _constant(self, array: Values) -> str:
+    def _constant(self, array: Array) -> str:
         name = f"constant_{len(self.constants)}"
         self.constants.append(self.onnx.numpy_helper.from_array(np.ascontiguousarray(array), name))
         return name

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from agents.network.files import PolicyError, content_of, numbers
 from agents.network.graph import Graph
@@ -29,10 +29,8 @@ from agents.network.layers import (
     outputs_of,
     run,
 )
+from mm_gym.arrays import Array, Single
 from mm_gym.files import write_bytes
-
-Single = NDArray[np.float32]
-Values = NDArray[np.float64]
 
 Kind = TypeVar("Kind", bound=Layer)
 
@@ -83,15 +81,15 @@ class Policy:
             )
             raise PolicyError(msg)
 
-    def begin(self, lanes: int) -> Values:
+    def begin(self, lanes: int) -> Array:
         """Return the memory (lanes, m) with which an episode begins."""
         return np.zeros((lanes, self.remembers))
 
-    def step(self, observation: ArrayLike, memory: Values) -> tuple[Values, Values]:
+    def step(self, observation: ArrayLike, memory: Array) -> tuple[Array, Array]:
         """Return the actions (lanes, k) for observations (lanes, n), and the memory after them."""
         return run(self.layers, np, np.asarray(observation, np.float64), memory)
 
-    def act(self, observation: ArrayLike, memory: Values | None = None) -> Values:
+    def act(self, observation: ArrayLike, memory: Array | None = None) -> Array:
         """Return the actions (lanes, k) for observations (lanes, n) as the environment has them.
 
         Parameters

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from agents.control.controller import Controller
 from agents.rollout import Rollout
 from mm_gym import MovingMassVectorEnv
+from mm_gym.arrays import Array, Single
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,15 +23,15 @@ class Episode:
     """
 
     seed: int  # of the reset that began it
-    observations: NDArray[np.float32]  # (n + 1, numbers of an observation) float32 [-]
-    actions: NDArray[np.float32]  # (n, k) float32 in [-1, 1]
-    rewards: NDArray[np.float64]  # (n,) [-]
+    observations: Single  # (n + 1, numbers of an observation) float32 [-]
+    actions: Single  # (n, k) float32 in [-1, 1]
+    rewards: Array  # (n,) [-]
     # terminations, truncations: (n,) true at most in the last step
     terminations: NDArray[np.bool_]
     truncations: NDArray[np.bool_]
-    states: NDArray[np.float64]  # (n + 1, 4) x1, x2 [m], v1, v2 [m/s], ground frame
+    states: Array  # (n + 1, 4) x1, x2 [m], v1, v2 [m/s], ground frame
     # (n + 1, k) the force [N] and stretch [-] that the actuators reached
-    applied: NDArray[np.float64]
+    applied: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Exploration:
     deviation: float  # standard deviation of the noise [-]
     generator: np.random.Generator  # where it is drawn from
 
-    def applied_to(self, actions: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    def applied_to(self, actions: NDArray[np.floating[Any]]) -> Single:
         """Return actions within [-1, 1], in the type of the action space.
 
         The environment would also take double precision and clip by itself; but what is recorded

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.studies import DELAY, NOISE, RECORD
 from agents.scoring import Evaluation
 from mm_gym import Scene
+from mm_gym.arrays import Array
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def look_of(i: int) -> tuple[str, str]:
     return STYLES[(i + around) % len(STYLES)], BASELINES[i % len(BASELINES)]
 
 
-def _abscissa(reference: Evaluation, scene: Scene) -> tuple[NDArray[np.float64], str]:
+def _abscissa(reference: Evaluation, scene: Scene) -> tuple[Array, str]:
     """Return where each episode lies on the axis, and the axis's label."""
     if reference.frequency is not None:
         return reference.frequency, f"frequency of the harmonic {_excited(scene)} [rad/s]"

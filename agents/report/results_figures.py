@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.aggregates import performance_profile
 from agents.evaluation.studies import NOMINAL
 from agents.report.figures import logarithmic, study_label
 from agents.scoring import Evaluation
 from agents.sweeps.on_task import STUDIES, OnTask, algorithms_of
+from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _has(one: OnTask, name: str) -> bool:
     return any(of.algorithm == name for of in one.trainings)
 
 
-def _costs(one: OnTask, name: str) -> NDArray[np.float64]:
+def _costs(one: OnTask, name: str) -> Array:
     return next(of.costs for of in one.trainings if of.algorithm == name)
 
 

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.headroom import CLASSICAL
@@ -23,6 +22,7 @@ from agents.sweeps.on_task import (
 )
 from agents.sweeps.trials import LEARNERS
 from mm_gym import compile_scene, load_scene
+from mm_gym.arrays import Array
 from mm_gym.tasks import ids, short_name
 
 COMPARED = {
@@ -181,5 +181,5 @@ def _failures(known: Sequence[OnTask]) -> list[list[str]]:
     return rows
 
 
-def _tail(penalties: NDArray[np.float64]) -> float:
+def _tail(penalties: Array) -> float:
     return float(np.sqrt(tail_mean(np.ravel(penalties))))

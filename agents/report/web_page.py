@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from agents.control.controller import Values
 from agents.evaluation.conclusions import Comparison, Row
 from agents.evaluation.contestants import Episodes, Field
 from agents.evaluation.measure import Studies, TaskResult
@@ -20,6 +19,7 @@ from agents.report.pages import FOLDER, commit, not_scored_cells, web_page
 from agents.scoring import FREQUENCY, spread_frequency
 from agents.training.runs import Run, by_dotted_name, versions
 from mm_gym import Scene
+from mm_gym.arrays import Array
 from mm_gym.drawing import ACTUATORS, COLOURS
 from mm_gym.tasks import short_name
 
@@ -165,7 +165,7 @@ def _median_episode(result: TaskResult) -> int:
     return int(np.argsort(penalties)[penalties.size // 2])
 
 
-def _points(values: Values) -> Points:
+def _points(values: Array) -> Points:
     return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
 
 
@@ -173,7 +173,7 @@ def _responses(scene: Scene, found: Sequence[Motions], episode: int) -> Group:
     shown = slice(0, SHOWN + 1)
     time = _points(found[0].time[shown])
 
-    def panel(curves: Sequence[Values], label: str, *, held: bool = False) -> Panel:
+    def panel(curves: Sequence[Array], label: str, *, held: bool = False) -> Panel:
         return Panel(time, [_points(one[shown]) for one in curves], "time [s]", label, held=held)
 
     panels = [

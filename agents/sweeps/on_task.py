@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.control.controller import Controller, Values
+from agents.control.controller import Controller
 from agents.controllers.learned import Learned
 from agents.controllers.tuned import classical_laws
 from agents.evaluation.aggregates import Estimate, interquartile_mean, proportion, shared_episodes
@@ -24,6 +24,7 @@ from agents.training.parts import Parts, make_parts
 from agents.training.runs import Run, RunError
 from agents.training.starts import start_of
 from mm_gym import Scene
+from mm_gym.arrays import Array
 
 STUDIES = {"carriage.stiffness": 1.0, NOISE: 0.0, DELAY: None}
 """What is changed -> the level of the scene as designed, if no level is it."""
@@ -37,9 +38,9 @@ class Curve:
     """The validations of one training."""
 
     # steps, seconds, costs: (validations,) control steps of all lanes [-], time [s] and cost [-].
-    steps: Values
-    seconds: Values
-    costs: Values
+    steps: Array
+    seconds: Array
+    costs: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +52,12 @@ class Trainings:
     curves: Sequence[Curve]  # of each seed
 
     @property
-    def penalties(self) -> Values:
+    def penalties(self) -> Array:
         """(seeds, episodes) as in `Evaluation`."""
         return np.array([result.penalties for result in self.results])
 
     @property
-    def costs(self) -> Values:
+    def costs(self) -> Array:
         """(seeds,) cost of each training [-]."""
         return np.array([result.cost for result in self.results])
 
@@ -65,7 +66,7 @@ class Trainings:
         """The seed whose cost is in the middle; of two, the better."""
         return int(np.argsort(self.costs)[(len(self.costs) - 1) // 2])
 
-    def middle_curve(self) -> tuple[Values, Values]:
+    def middle_curve(self) -> tuple[Array, Array]:
         """Return what the seeds have in common, up to the shortest: time and least cost so far.
 
         Returns
@@ -91,12 +92,12 @@ class OnTask:
     law_validation: float  # its cost in the validation episodes [-]
     trainings: Sequence[Trainings]  # of each algorithm
     known: Mapping[str, float]  # role -> the least cost of `docs/task_scores.json` [-]
-    plans: Values  # (episodes,) costs of the clairvoyant optima [-]
+    plans: Array  # (episodes,) costs of the clairvoyant optima [-]
     # Of the law and of each algorithm's middle training on changed scenes.
     outcomes: Sequence[Outcome]
     # Of a force alone: the LQR's, the best algorithm's middle training's at rest and at full scale,
     # see `slopes`.
-    slopes: Values | None
+    slopes: Array | None
     # Of a stretch: an episode by the law, by the same training and by the planner.
     examples: Sequence[Evaluation]
 
@@ -110,7 +111,7 @@ class OnTask:
         """The trainings of the best algorithm."""
         return best_of(self.trainings)
 
-    def scores(self, costs: Values) -> Values:
+    def scores(self, costs: Array) -> Array:
         """Return s = (J_constant - J) / (J_constant - J_best found) of costs J."""
         constant = self.known["constant"]
         return (constant - costs) / (constant - self.known["planner"])
@@ -153,7 +154,7 @@ def episodes_won(trainings: Trainings, law: Evaluation) -> float:
     return float((trainings.penalties < law.penalties).mean())
 
 
-def slopes(policy: Policy, at: float) -> Values:
+def slopes(policy: Policy, at: float) -> Array:
     """Return the mean slope (n,) of the first action over each observed number, from -at to at."""
     ends = at * np.eye(policy.sizes[0])
     return (policy.act(ends) - policy.act(-ends))[:, 0] / (2.0 * at)
@@ -237,7 +238,7 @@ def _curve(run: Run) -> Curve:
     return Curve(steps, seconds, costs)
 
 
-def _slopes(scene: Scene, agent: Controller) -> Values | None:
+def _slopes(scene: Scene, agent: Controller) -> Array | None:
     """Return (3, n): the LQR's slopes, and the agent's at rest and at full scale."""
     if scene.actuation.names != ("force",) or not isinstance(agent, Learned):
         return None

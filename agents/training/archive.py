@@ -10,10 +10,10 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from torch import Tensor, nn
 
-from agents.control.controller import Values
 from agents.network.files import check_archive
 from agents.policies import Policy, PolicyError, network
 from mm_gym import SceneError
+from mm_gym.arrays import Array
 from mm_gym.files import read_bytes
 
 LARGEST = 2**30
@@ -73,9 +73,9 @@ def _modules(model: BaseAlgorithm) -> tuple[list[nn.Module], nn.Module]:
     return modules, actor.features_extractor
 
 
-def _layers(modules: list[nn.Module]) -> tuple[list[tuple[Values, Values]], list[type[nn.Module]]]:
+def _layers(modules: list[nn.Module]) -> tuple[list[tuple[Array, Array]], list[type[nn.Module]]]:
     """Return the weights and biases of the dense layers, and what is between them."""
-    layers: list[tuple[Values, Values]] = []
+    layers: list[tuple[Array, Array]] = []
     activations: list[type[nn.Module]] = []
     unit, zero = np.ones(1), np.zeros(1)  # of the normalisation before a layer
     for module in modules:
@@ -91,7 +91,7 @@ def _layers(modules: list[nn.Module]) -> tuple[list[tuple[Values, Values]], list
     return layers, activations
 
 
-def _cell(model: BaseAlgorithm) -> list[Values]:
+def _cell(model: BaseAlgorithm) -> list[Array]:
     """Return the weights of the LSTM cell, or none."""
     if not hasattr(model.policy, "lstm_actor"):
         return []
@@ -103,7 +103,7 @@ def _cell(model: BaseAlgorithm) -> list[Values]:
     ]
 
 
-def _normalisation(model: BaseAlgorithm) -> tuple[Values, Values]:
+def _normalisation(model: BaseAlgorithm) -> tuple[Array, Array]:
     """Return the mean and the spread of the observations, if they are normalised."""
     statistics = model.get_vec_normalize_env()
     if statistics is None or not statistics.norm_obs:
@@ -134,5 +134,5 @@ def open_trusted(path: Path) -> Policy:
         raise PolicyError(msg) from error
 
 
-def _array(tensor: Tensor | Any) -> Values:  # noqa: ANN401 - modules have undeclared tensors
+def _array(tensor: Tensor | Any) -> Array:  # noqa: ANN401 - modules have undeclared tensors
     return tensor.detach().cpu().numpy().astype(np.float64)

@@ -8,8 +8,8 @@ the past has few states: those combinations of the past that tell most of the fu
 
 import numpy as np
 
-from agents.control.controller import Values
 from mm_gym import MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array
 
 LANES, STEPS, SEED = 64, 300, 3_000_000
 """Episodes and control steps that are simulated, apart from those of any evaluation."""
@@ -21,7 +21,7 @@ LONGEST = 0.98
 """Largest eigenvalue of a memory: what is older than some 50 steps is forgotten."""
 
 
-def force_memory(scene: Scene, weights: Values, states: int) -> tuple[Values, Values]:
+def force_memory(scene: Scene, weights: Array, states: int) -> tuple[Array, Array]:
     """Return `keep` (m, m) and `enter` (m, n) of a `LinearMemory`, of unit variance.
 
     Parameters
@@ -48,7 +48,7 @@ def force_memory(scene: Scene, weights: Values, states: int) -> tuple[Values, Va
     return keep, np.outer(enter, weights)
 
 
-def _forces(scene: Scene, weights: Values) -> Values:
+def _forces(scene: Scene, weights: Array) -> Array:
     """Return forces (steps, lanes) under random actions, without those of the first frames."""
     endless = {"objective.displacement_limit": None, "objective.rail_half_length": None}
     scene = scene.replace(**endless, **{"control.steps": STEPS})
@@ -61,10 +61,10 @@ def _forces(scene: Scene, weights: Values) -> Values:
     return np.array(forces[2:])
 
 
-def _windows(series: Values, length: int) -> Values:
+def _windows(series: Array, length: int) -> Array:
     """Return the windows (steps - length + 1, lanes, length) of a series (steps, lanes)."""
     return np.lib.stride_tricks.sliding_window_view(series, length, axis=0)
 
 
-def _flat(array: Values) -> Values:
+def _flat(array: Array) -> Array:
     return array.reshape(-1, array.shape[-1])

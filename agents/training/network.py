@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import Values
 from agents.policies import Policy
 from agents.training.scales import Scales
 from agents.training.starts import Start
+from mm_gym.arrays import Array
 
 WEIGHT, OUTPUT, DIRECT = 0.5, 0.3, 0.5
 """Size of the changes of a hidden unit's weights, of its part in the action, and of direct weights,
@@ -52,7 +52,7 @@ class Network:
         n = self.start.pairs.shape[2] - len(self.start.keep)
         return n, self.hidden, len(self.start.direct)
 
-    def first(self, generator: np.random.Generator) -> Values:
+    def first(self, generator: np.random.Generator) -> Array:
         """Return a vector that acts as the law: hidden units are drawn, and have no part yet."""
         *_, shape = self.shapes
         weights = np.zeros(shape)
@@ -65,7 +65,7 @@ class Network:
             [self.start.pairs.ravel(), self.start.direct.ravel(), weights.ravel()]
         )
 
-    def spreads(self) -> Values:
+    def spreads(self) -> Array:
         """Return the size of each parameter's changes."""
         pairs, direct, hidden = (np.ones(shape) for shape in self.shapes)
         hidden *= WEIGHT
@@ -76,7 +76,7 @@ class Network:
         return np.concatenate([pairs.ravel(), direct.ravel(), hidden.ravel()])
 
     @property
-    def sizes_of_parameters(self) -> tuple[Values, Values, Values]:
+    def sizes_of_parameters(self) -> tuple[Array, Array, Array]:
         """Sizes by which parameters are of order one, of the vector's three parts."""
         scales = self.scales or Scales.stated(self.start)
         inputs = 1.0 / np.concatenate([[1.0], scales.inputs])
@@ -92,7 +92,7 @@ class Network:
             part[:, 0] = not self.odd
         return np.concatenate([part.ravel() for part in parts])
 
-    def policy(self, vector: Values) -> Policy:
+    def policy(self, vector: Array) -> Policy:
         """Return the policy of a vector."""
         ends = np.cumsum([np.prod(shape) for shape in self.shapes])[:-1]
         parts = np.split(vector, ends)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.training.arrays import Arrays, check_like, part_of
 from agents.training.runs import METRICS, TIMES, Run
+from mm_gym.arrays import Array
 from mm_gym.files import write_csv
 
 
@@ -26,7 +26,7 @@ class Progress:
     COLUMNS = 3
 
     def __init__(self) -> None:
-        self.rows: NDArray[np.float64] = np.empty((0, self.COLUMNS))
+        self.rows: Array = np.empty((0, self.COLUMNS))
         self.best: Arrays = {}
         self.seconds = 0.0
 

@@ -8,9 +8,10 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from agents.control.controller import Controller, Memory, Values, chosen, joined, part
+from agents.control.controller import Controller, Memory, chosen, joined, part
 from agents.controllers.learned import observed
 from agents.training.arrays import Arrays, check_like
+from mm_gym.arrays import Array, Single
 
 if TYPE_CHECKING:
     Wrapper = VectorWrapper[Any, Any, Any, Any, Any]
@@ -45,7 +46,7 @@ class ResidualLanes(Wrapper):
         self.memory: Memory = {}
         self.proposed = np.zeros(env.action_space.shape)
 
-    def reset(self, **arguments: Any) -> tuple[NDArray[np.float32], dict[str, Any]]:  # noqa: ANN401 - Gymnasium's
+    def reset(self, **arguments: Any) -> tuple[Single, dict[str, Any]]:  # noqa: ANN401 - Gymnasium's
         """Begin an episode in every lane."""
         observation, info = self.env.reset(**arguments)
         self.proposed, self.memory = self._begun(observation, info)
@@ -53,7 +54,7 @@ class ResidualLanes(Wrapper):
 
     def step(
         self, actions: NDArray[np.floating]
-    ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+    ) -> tuple[Single, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Apply the sums."""
         total = np.clip(self.proposed + self.authority * actions, -1.0, 1.0)
         memory = self.base.note(self.memory, total)
@@ -72,9 +73,7 @@ class ResidualLanes(Wrapper):
             }
         return observed(observation, self.proposed), reward, terminated, truncated, info
 
-    def _begun(
-        self, observation: NDArray[np.float32], info: dict[str, Any]
-    ) -> tuple[Values, Memory]:
+    def _begun(self, observation: Single, info: dict[str, Any]) -> tuple[Array, Memory]:
         """Return the base's actions and memory in episodes that begin in all lanes."""
         memory = self.base.begin(self.env.unwrapped)  # pyright: ignore[reportArgumentType] - as required
         return self.base.propose(memory, observation, self.base.known(info))
@@ -92,8 +91,8 @@ class ResidualLanes(Wrapper):
 
 
 def _at_end(
-    observation: NDArray[np.float32], info: dict[str, Any], ended: NDArray[np.bool_]
-) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    observation: Single, info: dict[str, Any], ended: NDArray[np.bool_]
+) -> tuple[Single, dict[str, Any]]:
     """Return observation, state and what was applied at a step's end, before any restart."""
     known = {name: info[name] for name in ("state", "applied")}
     if not ended.any():

@@ -15,17 +15,10 @@ from typing import Annotated, Any, TypeVar, cast
 from filelock import lock_descriptor
 from pydantic import BaseModel, Field, JsonValue, ValidationError
 
-from agents.control.controller import Values
 from agents.training.config import RunSettings
 from mm_gym import Scene, SceneError
-from mm_gym.files import (
-    delete_partial,
-    open_lock,
-    read_columns,
-    read_json,
-    read_text,
-    write_text,
-)
+from mm_gym.arrays import Array
+from mm_gym.files import delete_partial, open_lock, read_columns, read_json, read_text, write_text
 from mm_gym.scene import with_absolute_records, with_relative_records
 
 Settings = TypeVar("Settings", bound="RunSettings")
@@ -121,7 +114,7 @@ class Run:
         """Whether training is over."""
         return self.policy.exists()
 
-    def validations(self) -> tuple[Values, Values, Values]:
+    def validations(self) -> tuple[Array, Array, Array]:
         """Return the control steps, cost and time [s] of each validation, (validations,).
 
         Raises

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.control.controller import Acted, Controller, Info, Memory, Observation, Values
+from agents.control.controller import Acted, Controller, Info, Memory, Observation
 from agents.controllers.learned import Learned
 from agents.rollout import Rollout
 from agents.training.starts import Start
 from mm_gym import ActionError, MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array
 
 LANES, SEED = 32, 5_000_000
 """Episodes in which sizes are measured, apart from those of any evaluation."""
@@ -33,9 +34,9 @@ class Scales:
         (m,) of the change of each state of the linear memory in a step.
     """
 
-    inputs: Values
-    outputs: Values
-    updates: Values
+    inputs: Array
+    outputs: Array
+    updates: Array
 
     @classmethod
     def stated(cls, start: Start) -> Scales:
@@ -63,7 +64,7 @@ class Scales:
         )
 
 
-def _usable(sizes: Values) -> Values:
+def _usable(sizes: Array) -> Array:
     return np.where(np.isfinite(sizes) & (sizes > 0.0), sizes, 1.0)
 
 
@@ -80,9 +81,9 @@ class _Watched(Learned):
     def __init__(self, start: Start) -> None:
         super().__init__(start.policy())
         self.states = len(start.keep)
-        self.squares: Values = np.zeros(start.pairs.shape[2])
-        self.acted: Values = np.zeros(len(start.direct))
-        self.changed: Values = np.zeros(self.states)
+        self.squares: Array = np.zeros(start.pairs.shape[2])
+        self.acted: Array = np.zeros(len(start.direct))
+        self.changed: Array = np.zeros(self.states)
         self.steps = 0
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:

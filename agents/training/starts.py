@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.control.actuators import Command
-from agents.control.controller import Values
 from agents.control.observed_state import ROWS
 from agents.control.scene import plant_of
 from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clipped_lqr
@@ -26,6 +25,7 @@ from agents.training.config import LawName, SearchSettings
 from agents.training.forecast import force_memory
 from mm_gym import ActionError, CompileError, DesignError, Scene, compile_scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
+from mm_gym.arrays import Array
 
 FLOOR = 1e-3
 """Of a correlation unit's denominator, see `agents.network.layers.Correlation`."""
@@ -102,16 +102,16 @@ class Start:
         The name of what it is.
     """
 
-    pairs: Values
-    units: Values
-    direct: Values
-    spreads: Values
-    keep: Values = field(default_factory=lambda: np.empty((0, 0)))
-    enter: Values = field(default_factory=lambda: np.empty((0, 0)))
-    back: Values = field(default_factory=lambda: np.empty((0, 0)))
+    pairs: Array
+    units: Array
+    direct: Array
+    spreads: Array
+    keep: Array = field(default_factory=lambda: np.empty((0, 0)))
+    enter: Array = field(default_factory=lambda: np.empty((0, 0)))
+    back: Array = field(default_factory=lambda: np.empty((0, 0)))
     law: LawName = "none"
 
-    def remembering(self, keep: Values, enter: Values, back: Values | None = None) -> Start:
+    def remembering(self, keep: Array, enter: Array, back: Array | None = None) -> Start:
         """Return it with a linear memory that has no part in the action."""
         _, _, shown = self.pairs.shape
         return replace(
@@ -123,7 +123,7 @@ class Start:
             back=np.empty((len(keep), 0)) if back is None else back,
         )
 
-    def policy(self, hidden: Values | None = None) -> Policy:
+    def policy(self, hidden: Array | None = None) -> Policy:
         """Return the policy of it and of hidden units; see `agents.training.network.Network`.
 
         Parameters
@@ -210,9 +210,9 @@ class Estimate(NamedTuple):
         (m, m), (m, n): the memory.
     """
 
-    state: Values
-    keep: Values
-    enter: Values
+    state: Array
+    keep: Array
+    enter: Array
 
 
 class Shown:
@@ -244,7 +244,7 @@ class Shown:
         self.history, self.actions = plant.history, len(scene.actuation.names)
         self.state = self.frame_state(0)
 
-    def frame_state(self, age: int) -> Values:
+    def frame_state(self, age: int) -> Array:
         """Return `state` of the frame so many steps ago."""
         rows = np.zeros((self.frame, 4))
         for row, name in zip(rows, self.channels, strict=True):
@@ -260,7 +260,7 @@ class Shown:
         """What the newest frame alone shows."""
         return Estimate(self.state, np.empty((0, 0)), np.empty((0, 0)))
 
-    def moving(self, time_step: float) -> Values:
+    def moving(self, time_step: float) -> Array:
         """Return `state`; velocities that no channel shows are differences of two frames'."""
         state = self.state.copy()
         if self.history > 1:
@@ -288,7 +288,7 @@ class Shown:
                     found.append(Estimate(state, keep, enter))
         return found
 
-    def stretch(self) -> Values | None:
+    def stretch(self) -> Array | None:
         """Return (1 + n,) bias and weights of the stretch, or None if it is not shown."""
         if "stretch" not in self.channels:
             return None
@@ -297,7 +297,7 @@ class Shown:
         return row
 
 
-def _memory(scene: Scene, shown: Shown, states: int) -> tuple[Values, Values]:
+def _memory(scene: Scene, shown: Shown, states: int) -> tuple[Array, Array]:
     """Return the linear memory of a scene that has a random force and shows it."""
     random = {part.kind for part in scene.excitation} == {"noise"}
     if not (states and random and shown.history > 1):
@@ -441,7 +441,7 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float) -> S
     return start
 
 
-def _regulator(scene: Scene) -> Values:
+def _regulator(scene: Scene) -> Array:
     """Return the LQR's action as (4,) weights of the state, at the stretch of `_switching`."""
     stretch = None if scene.actuation.stretch is None else _design_stretch(scene)
     try:
@@ -484,7 +484,7 @@ def _best(scene: Scene, starts: list[Start]) -> Start:
     return starts[0] if len(starts) == 1 else min(starts, key=lambda start: _cost(scene, start))
 
 
-def _switched_by(pair: Values, shown: Shown, seen: Estimate) -> Start:
+def _switched_by(pair: Array, shown: Shown, seen: Estimate) -> Start:
     """Return one switching function: where two values (2, n + m) have like signs."""
     pair = pair / np.linalg.norm(pair, axis=1, keepdims=True)
     direct = np.zeros((shown.actions, 2 + shown.count + len(seen.keep)))
@@ -514,7 +514,7 @@ def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
     return min(found, key=lambda start: _cost(scene, start))
 
 
-def _clipped_damping(scene: Scene, weight: float, state: Values) -> Values:
+def _clipped_damping(scene: Scene, weight: float, state: Array) -> Array:
     """Return (2, n) the wanted force and the device's velocity, a moment ahead, of an observation.
 
     The state is `state` (4, n) @ observation.
@@ -524,7 +524,7 @@ def _clipped_damping(scene: Scene, weight: float, state: Values) -> Values:
     return np.stack([law.force({}, ahead.T), law.device.velocity(ahead.T)])
 
 
-def _clipped_voltage(scene: Scene, weight: float, state: Values) -> Values:
+def _clipped_voltage(scene: Scene, weight: float, state: Array) -> Array:
     """Return the same of a voltage.
 
     The damper's force is taken to have the sign of the slip velocity, and to be the smaller one:
@@ -572,7 +572,7 @@ def _tracking(scene: Scene, shown: Shown) -> Start:
     return Start(pair[None], units, direct, np.array([FINE]))
 
 
-def _mean_force(scene: Scene, shown: Shown, age: int) -> Values:
+def _mean_force(scene: Scene, shown: Shown, age: int) -> Array:
     """Return (n,) weights of the mean force on the carriage [N] in a control step.
 
     The integral of the spring's force is that of Hermite's cubic, of error (step w)^4 / 720.

@@ -14,11 +14,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from agents.control.actuators import Actuators, require_stable_rest
-from agents.control.controller import Values
 from agents.control.scene import require_actuator
 from agents.controllers.lqr import state_weight
 from agents.network.files import LARGEST, Arrays
@@ -30,9 +28,10 @@ from agents.value_table.kernel import NODES, expect, sweep
 from agents.value_table.policy import ARRAYS, NUMBERS, TablePolicy
 from mm_gym import DesignError, Scene, compile_scene
 from mm_gym.analysis import spring_stiffness
+from mm_gym.arrays import Array, Single
 from mm_gym.scene import Part
 
-Table = NDArray[np.float32]
+Table = Single
 
 
 class IterateSettings(TimedSettings):
@@ -86,16 +85,16 @@ class Problem(NamedTuple):
     k2 is the geometric mean of its ends, the carriage's at least that.
     """
 
-    stretches: Values  # (m,) of the grid [-]
-    squares: Values  # (sizes,) s^2 of the grid [J]; without random impulses 0 and 1, which is exact
-    moves: Values  # (m, 4, 4) transition of the motion in a control step with each stretch
-    cost: Values  # (4,) weights of the squares at a step's end: -reward
+    stretches: Array  # (m,) of the grid [-]
+    squares: Array  # (sizes,) s^2 of the grid [J]; without random impulses 0 and 1, which is exact
+    moves: Array  # (m, 4, 4) transition of the motion in a control step with each stretch
+    cost: Array  # (4,) weights of the squares at a step's end: -reward
     # jumps, chances: (m, impulses, 4), (impulses,): what an impulse in the middle of a step adds at
     # its end, and how probable it is.
-    jumps: Values
-    chances: Values
+    jumps: Array
+    chances: Array
     travel: float  # most that the stretch moves in a control step, in distances between stretches
-    reads: Values  # (5, 1 + n) constants and weights of an observation: motion and stretch [-]
+    reads: Array  # (5, 1 + n) constants and weights of an observation: motion and stretch [-]
     is_rate: bool  # whether an action commands a rate
 
 
@@ -140,7 +139,7 @@ def problem_of(scene: Scene, stretches: int, sizes: int) -> Problem:
     )
 
 
-def _moves(scene: Scene, grid: Values, part: float, into: Values) -> Values:
+def _moves(scene: Scene, grid: Array, part: float, into: Array) -> Array:
     """Return the exact transitions (m, 4, 4) over a part of a control step."""
     plant = compile_scene(
         scene.replace(**{"control.time_step": part * scene.control.time_step, "excitation": []})
@@ -149,7 +148,7 @@ def _moves(scene: Scene, grid: Values, part: float, into: Values) -> Values:
     return np.stack([into @ plant.discrete(stretch)[0] @ back for stretch in grid])
 
 
-def _impulses(scene: Scene) -> tuple[Values, Values]:
+def _impulses(scene: Scene) -> tuple[Array, Array]:
     """Return the jumps (impulses, 4) of the state, and their chances in a control step."""
     nodes, weights = np.polynomial.legendre.leggauss(SIZES_DRAWN)
     jumps, chances = [np.empty((0, 4))], [np.empty(0)]

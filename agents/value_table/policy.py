@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from agents.network.files import Arrays, PolicyError, content_of, numbers
 from agents.value_table.kernel import NODES, choose
+from mm_gym.arrays import Array, Single
 from mm_gym.files import write_bytes
 from mm_gym.scene import Document
-
-Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +24,13 @@ class TablePolicy:
     """
 
     # (stretches, 4, n, n, n, sizes) float32, see `agents.value_table.kernel`.
-    after: NDArray[np.float32]
+    after: Single
     # stretches, squares, moves, cost, reads, travel, is_rate: as of the problem
-    stretches: Values
-    squares: Values
-    moves: Values
-    cost: Values
-    reads: Values
+    stretches: Array
+    squares: Array
+    moves: Array
+    cost: Array
+    reads: Array
     travel: float
     is_rate: bool
 
@@ -50,15 +48,15 @@ class TablePolicy:
             )
             raise PolicyError(msg)
 
-    def begin(self, lanes: int) -> Values:
+    def begin(self, lanes: int) -> Array:
         """Return what is remembered (lanes, 0) in an episode: nothing."""
         return np.zeros((lanes, 0))
 
-    def step(self, observation: NDArray[np.float32], memory: Values) -> tuple[Values, Values]:
+    def step(self, observation: Single, memory: Array) -> tuple[Array, Array]:
         """Return the actions for observations, and the memory."""
         return self.act(observation), memory
 
-    def act(self, observation: NDArray[np.float32]) -> Values:
+    def act(self, observation: Single) -> Array:
         """Return the actions (lanes, 1) for observations (lanes, n) as the environment has them."""
         known = np.asarray(observation, np.float64) @ self.reads[:, 1:].T + self.reads[:, 0]
         low, high = self.stretches[0], self.stretches[-1]

@@ -9,9 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mm_gym.analysis.asymptotes_kernel import final_offsets, sticks_throughout
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, SimulationError, refuse
 from mm_gym.lanes import layout
@@ -24,8 +25,6 @@ from mm_gym.scene.scene import Scene
 from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 from mm_gym.simulation.energy.work import mechanical_energy
 from mm_gym.simulation.simulate import simulate
-
-Array = NDArray[np.float64]
 
 
 class Spring(NamedTuple):

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout
@@ -18,7 +19,6 @@ from mm_gym.plant.support_of import support_of
 from mm_gym.scene.scene import Scene
 
 Roots = NDArray[np.complex128]
-Array = NDArray[np.float64]
 
 
 class Linear(NamedTuple):

@@ -10,8 +10,9 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.files import write_csv
 from mm_gym.records import Record
@@ -19,8 +20,6 @@ from mm_gym.records.spectrum import peak_responses
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 PERIODS = np.geomspace(0.01, 10.0, 241)  # periods by default [s], 80 a decade
 

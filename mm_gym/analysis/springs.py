@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.law import springs
 
 
-def spring_stiffness(stretch: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
+def spring_stiffness(stretch: ArrayLike, k0: ArrayLike) -> Array:
     """Return k2 [N/m] of springs about equilibrium: 2 k0 (1 + 2 / stretch**3).
 
     Parameters
@@ -22,7 +23,7 @@ def spring_stiffness(stretch: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
     return plain(springs.stiffness)(np.asarray(k0, np.float64), np.asarray(stretch, np.float64))
 
 
-def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
+def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> Array:
     """Return the stretch [-] at which the springs have a given stiffness.
 
     Parameters
@@ -38,9 +39,7 @@ def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
         return np.where(excess > 0.0, (2.0 / excess) ** (1.0 / 3.0), np.inf)
 
 
-def spring_force(
-    offset: ArrayLike, stretch: ArrayLike, k0: float, l0: float = 0.0
-) -> NDArray[np.float64]:
+def spring_force(offset: ArrayLike, stretch: ArrayLike, k0: float, l0: float = 0.0) -> Array:
     """Return the force [N] of the springs on the carriage; the sphere feels the opposite.
 
     Parameters
@@ -52,9 +51,7 @@ def spring_force(
     return plain(springs.spring_force)(k0, l0, stretched, moved)
 
 
-def spring_energy(
-    offset: ArrayLike, stretch: ArrayLike, k0: float, l0: float = 0.0
-) -> NDArray[np.float64]:
+def spring_energy(offset: ArrayLike, stretch: ArrayLike, k0: float, l0: float = 0.0) -> Array:
     """Return the energy [J] of the springs above that with the sphere centred.
 
     Parameters

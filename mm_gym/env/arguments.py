@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
+from mm_gym.arrays import Array, Single
 from mm_gym.env.own_reward import RewardLike, rewarded
 from mm_gym.errors import ActionError, SceneError, refuse, suggest
 from mm_gym.scene.scene import Scene
@@ -116,9 +117,7 @@ def checked_seeds(seeds: Seeds, count: int) -> list[int | None]:
     return refuse("seed", f"{seeds!r}", allowed)
 
 
-def checked_actions(
-    actions: object, shape: tuple[int, ...]
-) -> NDArray[np.float64] | NDArray[np.float32]:
+def checked_actions(actions: object, shape: tuple[int, ...]) -> Array | Single:
     """Return actions as an ordinary floating-point array of the shape, or raise `ActionError`."""
     if (
         type(actions) is np.ndarray

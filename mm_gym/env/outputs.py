@@ -8,14 +8,12 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import check_name
 from mm_gym.lanes import layout
 from mm_gym.plant.plant import Plant
 from mm_gym.plant.task import Observed
 from mm_gym.step.channels import CHANNELS
-
-Array = NDArray[np.float64]
-
 
 ROUNDINGS = 4  # at least as many as a kernel makes while it scales a value
 

@@ -10,9 +10,9 @@ from typing import Any, Self, TypeAlias
 import numba
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 from pydantic import PrivateAttr
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import COMPILED
 from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.lanes import layout
@@ -23,8 +23,6 @@ from mm_gym.scene.scene import Scene, bounds
 from mm_gym.step.channels import CHANNELS
 from mm_gym.step.own_reward import rewarding
 from mm_gym.user_code import load
-
-Values = NDArray[np.float64]
 
 RewardLike: TypeAlias = "str | Callable[..., float] | OwnReward"
 """A function of channels, FILE.py:NAME of one, or what was made of one."""
@@ -114,7 +112,7 @@ class OwnReward:
         rows = [(CHANNELS[name].row, CHANNELS[name].subtracted) for name in self.arguments]
         return rewarding(self._cost, rows)
 
-    def costs(self, values: Values) -> Values:
+    def costs(self, values: Array) -> Array:
         """Return the costs (n,) of lanes (rows, n), whose derived rows are written.
 
         They are not finite where the function fails.
@@ -151,7 +149,7 @@ class OwnReward:
                 msg = f"reward: {self.name}: the argument {name!r} needs {missing[name]}"
                 raise SceneError(msg)
 
-    def fault(self, lane: Values) -> str:
+    def fault(self, lane: Array) -> str:
         """Return what is wrong with the cost of a lane (rows,): what was returned or raised."""
         values: dict[str, float] = {}
         for name in self.arguments:
@@ -165,7 +163,7 @@ class OwnReward:
             found = f"raised {type(error).__name__}: {error}"
         return f"reward: {self.name} {found} for {shown}; allowed: a finite number"
 
-    def first_fault(self, values: Values) -> int:
+    def first_fault(self, values: Array) -> int:
         """Return the first lane (of columns of values) whose cost is not finite."""
         finite = [np.isfinite(self.costs(lane[:, None])[0]) for lane in values.T]
         return finite.index(False) if False in finite else 0
@@ -227,7 +225,7 @@ def rewarded(scene: Scene, reward: RewardLike | None) -> Scene:
     return RewardedScene.of_parts(scene, own)
 
 
-def _probes(scene: Scene) -> Values:
+def _probes(scene: Scene) -> Array:
     """Return lanes (rows, probes): at rest, at one end of every range, at the other, in between."""
     objective, start = scene.objective, scene.initial
     unit = {name: 1.0 * scale for name, (scale, _) in scales(scene).items()}

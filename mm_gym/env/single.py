@@ -11,6 +11,7 @@ from gymnasium.error import ResetNeeded
 from numpy import ndarray
 from numpy.typing import ArrayLike, NDArray
 
+from mm_gym.arrays import Array, Single
 from mm_gym.env.arguments import (
     FLOAT32,
     Changes,
@@ -191,7 +192,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         self._is_plain = self._renderer is None and self._level == "light"
 
     @property
-    def state(self) -> NDArray[np.float64]:
+    def state(self) -> Array:
         """The state x1, x2 [m], v1, v2 [m/s] in the ground frame, as a copy."""
         return self._lanes.values[:4, 0].copy()
 
@@ -211,7 +212,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         *,
         seed: int | np.integer | None = None,
         options: Mapping[str, ArrayLike] | None = None,
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    ) -> tuple[Single, dict[str, Any]]:
         """Begin an episode; see the class for `options`.
 
         Raises
@@ -234,7 +235,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
 
     def step(
         self, action: NDArray[np.floating]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    ) -> tuple[Single, float, bool, bool, dict[str, Any]]:
         """Make one control step.
 
         Raises
@@ -323,7 +324,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         if self._renderer is not None:
             self._renderer.close()
 
-    def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
+    def get_keys_to_action(self) -> dict[tuple[int, ...], Single]:
         """Return keys -> action for `gymnasium.utils.play`, whose `noop` must be an array, too.
 
         Left and right command -1 and 1 of the first actuator, down and up those of a second one.

@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from mm_gym.arrays import Array, Single
 from mm_gym.env.arguments import (
     Changes,
     SceneLike,
@@ -38,8 +39,6 @@ from mm_gym.scene.scene import Scene
 from mm_gym.simulation.checks import is_array
 from mm_gym.simulation.closed_loop import ClosedLoop, Episodes
 from mm_gym.simulation.lanes import Lanes
-
-Array = NDArray[np.float64]
 
 SINGLE = {"action_space": "single_action_space", "observation_space": "single_observation_space"}
 """Attributes of a single environment that a vector has by another name."""
@@ -154,7 +153,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     def reset(
         self, *, seed: Seeds | None = None, options: Mapping[str, ArrayLike] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    ) -> tuple[Single, dict[str, Any]]:
         """Begin an episode in every lane, or in those of ``options["reset_mask"]``.
 
         With an integer seed, lane i gets seed + i. A sequence or array has one seed for each lane,
@@ -200,7 +199,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     def step(
         self, actions: NDArray[np.floating]
-    ) -> tuple[NDArray[np.float32], Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    ) -> tuple[Single, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Make one control step in every lane.
 
         Raises

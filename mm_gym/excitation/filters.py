@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes.arithmetic import stay_apart
 from mm_gym.lanes.groups import read, write
@@ -37,9 +37,7 @@ SERIES = 14
 """Terms of the filter's Taylor series over a phase of 2^-4; its remainder is below round-off."""
 
 
-def filter_matrices(
-    filters: NDArray[np.float64], interval: float, *, passes_velocity: bool
-) -> NDArray[np.float64]:
+def filter_matrices(filters: Array, interval: float, *, passes_velocity: bool) -> Array:
     """Return the matrices (`MATRICES`,) of noise over a sample interval [s].
 
     The filters are (2, 2): frequency [rad/s] and damping ratio of the low-pass and of the

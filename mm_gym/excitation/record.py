@@ -19,12 +19,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout
-
-Values = NDArray[np.float64]
 
 TABLE, COUNT, IS_EVEN = 0, 1, 2
 """Own slots: where in the description the table begins, its lines, and whether all records are
@@ -237,7 +235,7 @@ def _add_moments(model, points, k, start, stop, begin, end, lanes, scratch, i):
             )
 
 
-def block_of(motions: list[Values], factors: list[float], round_off: float) -> Values:
+def block_of(motions: list[Array], factors: list[float], round_off: float) -> Array:
     """Return the block of a set of records.
 
     Parameters
@@ -259,7 +257,7 @@ def block_of(motions: list[Values], factors: list[float], round_off: float) -> V
     return np.concatenate([table.ravel(), *(points.ravel() for points in motions)])
 
 
-def points_in(block: Values, number: int) -> tuple[Values, float]:
+def points_in(block: Array, number: int) -> tuple[Array, float]:
     """Return times [s] and values (2, n), and the factor of the values, of a record in a block."""
     first, length, _, factor = block[LINE * number : LINE * (number + 1)]
     return block[int(first) : int(first + 2 * length)].reshape(2, -1), float(factor)

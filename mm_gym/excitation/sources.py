@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma
@@ -28,7 +26,7 @@ LONGEST_TURN = 0.25 * math.pi
 _TO_QUARTERS = 2.0 / math.pi
 
 
-def obstacle(frequencies: NDArray[np.float64], terms: int, interval: float) -> str | None:
+def obstacle(frequencies: Array, terms: int, interval: float) -> str | None:
     """Return why the rows cannot hold an excitation, or None.
 
     It has harmonics, whose highest frequencies [rad/s] are given, and polynomials of so many terms.

@@ -18,8 +18,8 @@ import numpy as np
 from llvmlite import ir
 from llvmlite.binding import get_host_cpu_features
 from numba import types
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.llvm_code import (
     compiled_as,
     defines,
@@ -140,7 +140,7 @@ def _built_near_root(_context: Any, builder: Any, _kinds: Any, x: Any, y: Any, k
 
 
 @compiled_as(VECTOR, _built_near_root)
-def near_root(x: NDArray[np.float64], y: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+def near_root(x: Array, y: Array, k: int) -> Array:
     """Return (x / y)**(1 / 2**k), neither below 0, up to 10 % away.
 
     There is no division in it: a double's bits are nearly its logarithm.
@@ -161,13 +161,13 @@ def _built_in_single(build: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @compiled_as(VECTOR, _built_in_single(lambda builder, x, y: builder.fdiv(x, y)))
-def rough_quotient(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def rough_quotient(x: Array, y: Array) -> Array:
     """Return x / y in single precision."""
     return np.float64(np.float32(x) / np.float32(y))
 
 
 @compiled_as(VECTOR, _built_in_single(lambda builder, x: call(builder, "sqrt", x)))
-def rough_root(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def rough_root(x: Array) -> Array:
     """Return the square root in single precision."""
     return np.float64(np.sqrt(np.float32(x)))
 
@@ -213,7 +213,7 @@ defines(alike, is_number)(lambda x, value: value)
 
 
 @compiled_as(types.float64, lambda _context, builder, _kinds, x, k: builder.extract_element(x, k))
-def element(x: NDArray[np.float64], k: int) -> float:
+def element(x: Array, k: int) -> float:
     """Return the number of lane k."""
     return x[k]
 
@@ -221,7 +221,7 @@ def element(x: NDArray[np.float64], k: int) -> float:
 @compiled_as(
     VECTOR, lambda _context, builder, _kinds, x, k, value: builder.insert_element(x, value, k)
 )
-def with_element(x: NDArray[np.float64], k: int, value: float) -> NDArray[np.float64]:
+def with_element(x: Array, k: int, value: float) -> Array:
     """Return a vector with the number of lane k replaced."""
     changed = np.broadcast_to(x, LANES).copy()
     changed[k] = value
@@ -229,6 +229,6 @@ def with_element(x: NDArray[np.float64], k: int, value: float) -> NDArray[np.flo
 
 
 @compiled_as(VECTOR, lambda _context, builder, _kinds, x: _copies(builder, NUMBERS, x))
-def everywhere(x: float) -> NDArray[np.float64]:
+def everywhere(x: float) -> Array:
     """Return a vector of a number in every lane."""
     return np.full(LANES, x)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import COMPILED
 from mm_gym.compiler.llvm_code import (
     alloca_once,
@@ -34,7 +34,7 @@ def _data(context: Any, builder: Any, kinds: Any, numbers: Any) -> Any:
 
 
 @compiled_as(ROWS, _data)
-def rows_of(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+def rows_of(numbers: Array) -> Array:
     """Return an array, beginning on a cache line, as rows of a vector each.
 
     It is lent: the array must live as long, and no bounds are checked.
@@ -100,7 +100,7 @@ def _number_set(rows, k, value):
     lambda _context, builder, _kinds, rows, k: builder.gep(rows, [k]),
     lambda rows, _: rows == ROWS,
 )
-def from_row(rows: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+def from_row(rows: Array, k: int) -> Array:
     """Return the rows from one of them on, lent as they are."""
     return rows[k:]
 
@@ -122,7 +122,7 @@ def _pointer(context: Any, builder: Any, kinds: Any, lanes: Any, *place: Any) ->
         _pointer(context, builder, kinds, *place), align=8
     ),
 )
-def load(lanes: NDArray[np.float64], row: int, i: int) -> NDArray[np.float64]:
+def load(lanes: Array, row: int, i: int) -> Array:
     """Return a row of the lanes i .. i + LANES - 1, which must exist."""
     return lanes[row, i : i + LANES].copy()
 
@@ -133,12 +133,12 @@ def load(lanes: NDArray[np.float64], row: int, i: int) -> NDArray[np.float64]:
         value, _pointer(context, builder, kinds, lanes, row, i), align=8
     ),
 )
-def store(lanes: NDArray[np.float64], row: int, i: int, value: NDArray[np.float64]) -> None:
+def store(lanes: Array, row: int, i: int, value: Array) -> None:
     """Write a row of the lanes i .. i + LANES - 1, which must exist."""
     lanes[row, i : i + LANES] = value
 
 
-def rows_on_stack(count: int) -> Callable[[], NDArray[np.float64]]:
+def rows_on_stack(count: int) -> Callable[[], Array]:
     """Return what a kernel calls for so many rows of a vector each, which live until it returns."""
     if not COMPILED:
         return lambda: np.zeros((count, LANES))
@@ -185,5 +185,5 @@ def _prefetched(context: Any, builder: Any, kinds: Any, *place: Any) -> None:
 
 
 @compiled_as(types.none, _prefetched)
-def prefetch(lanes: NDArray[np.float64], row: int, i: int) -> None:
+def prefetch(lanes: Array, row: int, i: int) -> None:
     """Fetch a lane's number into the cache, for what comes a little later."""

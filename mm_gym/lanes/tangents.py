@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.llvm_code import compiled_as, defines, instruction, value_type
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.elementary import cosine_and_sine, exp_of, log_of, power
@@ -46,7 +46,7 @@ _tangent = instruction(
 )
 
 
-def tangent(value: float, slopes: NDArray[np.float64]) -> Any:
+def tangent(value: float, slopes: Array) -> Any:
     """Return a number with its slopes along all directions."""
     raise NotImplementedError  # compiled code only: Python differentiates by what it calls
 
@@ -68,7 +68,7 @@ defines(value_of, lambda x: x != TANGENT)(lambda x: float(x))
 @compiled_as(
     VECTOR, lambda _context, builder, _kinds, x: builder.extract_value(x, 1), _has_tangents
 )
-def slopes_of(x: Any) -> NDArray[np.float64]:
+def slopes_of(x: Any) -> Array:
     """Return the slopes of a number, 0 of one without tangents."""
     return np.zeros(LANES)
 
@@ -185,7 +185,7 @@ def _lent(_context: Any, _builder: Any, _kinds: Any, rows: Any) -> Any:
 
 
 @compiled_as(TANGENTS, _lent, lambda rows: rows == ROWS)
-def tangents_of(rows: NDArray[np.float64]) -> Any:
+def tangents_of(rows: Array) -> Any:
     """Return rows of vectors as half as many numbers with tangents, lent as they are.
 
     The value of number k is the first of row 2 k, its slopes are in row 2 k + 1. The index k, j
@@ -195,7 +195,7 @@ def tangents_of(rows: NDArray[np.float64]) -> Any:
 
 
 @compiled_as(ROWS, _lent, lambda rows: rows == TANGENTS)
-def vectors_of(rows: Any) -> NDArray[np.float64]:
+def vectors_of(rows: Any) -> Array:
     """Return numbers with tangents as the rows of vectors that they are kept in."""
     raise NotImplementedError
 

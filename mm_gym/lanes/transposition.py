@@ -13,15 +13,13 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from mm_gym.arrays import Single
 from mm_gym.compiler.jit import COMPILED, borrowing_kernel
 from mm_gym.compiler.llvm_code import get_item_pointer
 from mm_gym.lanes.memory import span
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 
 def _exchanged(builder: Any, vectors: list[Any], width: int) -> list[Any]:
@@ -49,9 +47,7 @@ def _exchanged(builder: Any, vectors: list[Any], width: int) -> list[Any]:
 def _transposing(count: int) -> Callable[..., None]:
     """Return what transposes a square of so many rows and lanes, a power of two."""
 
-    def transpose(
-        rows: NDArray[np.float32], row: int, i: int, target: NDArray[np.float32], column: int
-    ) -> None:
+    def transpose(rows: Single, row: int, i: int, target: Single, column: int) -> None:
         target[i : i + count, column : column + count] = rows[row : row + count, i : i + count].T
 
     if not COMPILED:

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
+from mm_gym.arrays import Array
 from mm_gym.errors import CompileError
 from mm_gym.lanes import layout
 
 if TYPE_CHECKING:
     from collections.abc import Generator
-
-    from numpy.typing import NDArray
 
     from mm_gym.methods.support import Support
     from mm_gym.step.control_step import Entries
@@ -102,7 +101,7 @@ class Method(ABC):
         return None
 
     @abstractmethod
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+    def model(self, support: Support, settings: Settings) -> Array:
         """Return the kernel's constants (m,); raise `CompileError` if it cannot keep its bound."""
 
     @abstractmethod
@@ -110,14 +109,14 @@ class Method(ABC):
         """Return the order of the error in words."""
 
     @abstractmethod
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the work of one sample interval in words."""
 
     @abstractmethod
     def bound(self, settings: Settings) -> str:
         """Return the bound of the error in words."""
 
-    def constants(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+    def constants(self, support: Support, settings: Settings) -> Array:
         """Return the model array: the kernel's constants, then the excitation's description."""
         model = self.model(support, settings)
         model[layout.EXCITATION] = len(model)
@@ -153,7 +152,7 @@ def refuse_overflow(support: Support) -> Generator[None]:
         raise CompileError(msg) from error
 
 
-def header(support: Support, own: int) -> NDArray[np.float64]:
+def header(support: Support, own: int) -> Array:
     """Return a model array with the slots of every method filled, and `own` more slots."""
     model = np.zeros(layout.MODEL_OWN + own)
     model[layout.SAMPLE_INTERVAL] = support.sample_interval

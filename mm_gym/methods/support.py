@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, suggest
 from mm_gym.lanes import layout
 from mm_gym.law import bounds, dry_friction, springs
 from mm_gym.law.interface import LINE, Interface
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
 
 LINEAR = "linear"
 PARAMETRIC_LINEAR = "parametric linear"
@@ -85,10 +80,10 @@ class Support:
         see `mm_gym.excitation.kinds`.
     """
 
-    start_low: NDArray[np.float64]
-    start_high: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+    start_low: Array
+    start_high: Array
+    low: Array
+    high: Array
     names: dict[str, int]
     ground: tuple[bool, ...]
     sample_interval: float
@@ -97,7 +92,7 @@ class Support:
     products: tuple[tuple[int, int, int], ...]
     jets: int
     terms: int
-    excitation: NDArray[np.float64]
+    excitation: Array
     idle_velocity: float = math.inf
     interface: Interface = LINE
     interface_row: int = 0
@@ -109,7 +104,7 @@ class Support:
     actuator_rows: dict[str, int] = field(default_factory=dict[str, int])
 
     @property
-    def middle(self) -> NDArray[np.float64]:
+    def middle(self) -> Array:
         """The lane (rows,) in the middle of all ranges that an episode begins with."""
         row = 0.5 * (self.start_low + self.start_high)
         if self.damped_row:
@@ -122,12 +117,12 @@ class Support:
         return [self.damped_row] if self.damped_row else []
 
     @property
-    def frequencies(self) -> NDArray[np.float64]:
+    def frequencies(self) -> Array:
         """Highest frequency of each harmonic [rad/s]."""
         return self.high[self._frequency_rows]
 
     @property
-    def lowest_frequencies(self) -> NDArray[np.float64]:
+    def lowest_frequencies(self) -> Array:
         """Lowest frequency of each harmonic [rad/s]."""
         return self.low[self._frequency_rows]
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SimulationError, refuse
 from mm_gym.metrics.response import Response
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

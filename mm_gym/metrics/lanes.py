@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.errors import SimulationError, refuse
@@ -16,8 +17,6 @@ from mm_gym.law import springs
 from mm_gym.metrics.response import End, Response, Totals
 from mm_gym.scene.scene import Scene
 from mm_gym.tuning import tune
-
-Array = NDArray[np.float64]
 
 
 class LaneResponse:

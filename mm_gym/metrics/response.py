@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring
 from mm_gym.scene.mechanics import GRAVITY
-
-Array = NDArray[np.float64]
 
 
 class Cubic(NamedTuple):

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SimulationError, refuse
 from mm_gym.lanes import layout
 from mm_gym.metrics.response import End, Response, Totals
@@ -14,8 +15,6 @@ from mm_gym.simulation.energy.work import CHANGE, energy_jumps, spring_energy
 from mm_gym.simulation.recording import Place, Recording, excitation, states_at
 from mm_gym.simulation.response import acceleration, damped
 from mm_gym.simulation.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 PIECES = 8  # pieces that a sample interval is divided into
 

@@ -11,10 +11,10 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mm_gym.analysis import asymptotic_offset, bifurcation, critical_reference_velocity
 from mm_gym.analysis.asymptotes import Spring
+from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, STYLES, panels, save, style
 from mm_gym.paper.scenes import (
     ASSUMED,
@@ -36,8 +36,6 @@ from mm_gym.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 MILLI = 1e3

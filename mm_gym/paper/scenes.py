@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.scene.mechanics import (
     Carriage,
@@ -161,7 +162,7 @@ def stick_slope(law: DryFriction) -> float:
     return law.static_coefficient * normal_force(law) / law.reference_velocity
 
 
-def friction_force(law: DryFriction, slip_velocity: ArrayLike) -> NDArray[np.float64]:
+def friction_force(law: DryFriction, slip_velocity: ArrayLike) -> Array:
     """Return the force [N] at slip velocities [m/s], with the paper's Heaviside steps, H(0) = 1.
 
     It therefore slips at exactly |w| = v_r, where this project sticks: section 2 of docs/model.md.

@@ -6,9 +6,9 @@ import warnings
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mm_gym import methods
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.lanes import layout
@@ -84,7 +84,7 @@ def _check_solver(scene: Scene, method: Method, support: Support) -> None:
         )
 
 
-def _start(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _start(support: Support) -> tuple[Array, Array]:
     """Return the lane at the start of an episode, and (row, low, high) of each drawn value."""
     low, high = support.start_low, support.start_high
     followers = [row for row, _, _ in support.products]

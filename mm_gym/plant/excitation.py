@@ -10,8 +10,8 @@ from math import ceil, expm1, inf, log, sqrt
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process, noise, record
@@ -23,7 +23,6 @@ from mm_gym.scene.excitation import FilteredNoise, Impulse, NumberOrRange, Recor
 from mm_gym.scene.part import Part
 from mm_gym.scene.scene import Scene, bounds
 
-Array = NDArray[np.float64]
 Slots = tuple[float, float, float, float]
 
 NUMBER = "record"
@@ -259,7 +258,7 @@ def motions_of(placed: Placed[Recorded]) -> Iterator[Array]:
         yield record.points_in(placed.samples, number)[0]
 
 
-def _noise_phase(filters: NDArray[np.float64], *, passes_velocity: bool) -> float:
+def _noise_phase(filters: Array, *, passes_velocity: bool) -> float:
     """Return the longest interval [s] of filters with a highest frequency of 1 rad/s."""
 
     def falls_short(interval: float) -> bool:
@@ -464,7 +463,7 @@ class Layout:
     ground: tuple[bool, ...]
     names: dict[str, int]
     values: dict[int, NumberOrRange]
-    description: NDArray[np.float64]
+    description: Array
     jets: int
     terms: int
     size: int
@@ -554,7 +553,7 @@ def _values(scene: Scene, k: int, part: Any) -> dict[str, NumberOrRange]:  # noq
     return values
 
 
-def _description(parts: Sequence[Placed[Any]], *, has_corners: bool) -> NDArray[np.float64]:
+def _description(parts: Sequence[Placed[Any]], *, has_corners: bool) -> Array:
     described = [placed for placed in parts if placed.kind.code != HARMONIC]
     codes = {placed.kind.code for placed in described}
     slots = [len(described), has_corners, kernels.IMPULSE in codes, kernels.RECORD in codes]
@@ -589,7 +588,7 @@ def _is_on_grid(placed: Placed[Recorded], interval: float) -> bool:
         return False
     with np.errstate(over="ignore", invalid="ignore"):
         for times, _ in motions_of(placed):
-            places: NDArray[np.float64] = (times - start) * scale / interval
+            places: Array = (times - start) * scale / interval
             close = ON_GRID + record.ROUND_OFF * np.abs(places)
             if np.any((np.abs(places - np.round(places)) > close) & (places > 0.0)):
                 return False

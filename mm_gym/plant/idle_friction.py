@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout
@@ -16,8 +16,6 @@ from mm_gym.methods.support import Support
 
 if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
-
-Array = NDArray[np.float64]
 
 FRICTION = (layout.MU1, layout.MU2, layout.VR, layout.CHI, layout.FN)
 """Rows of the parameters of dry friction."""
@@ -44,7 +42,7 @@ def without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tupl
     if not fastest < vr:
         return support, ()
     damping = plain(dry_friction.stick_slope)(low[layout.MU1], low[layout.FN], vr)
-    arrays: dict[str, NDArray[np.float64]] = {}
+    arrays: dict[str, Array] = {}
     for name in ("start_low", "start_high", "low", "high"):
         arrays[name] = getattr(support, name).copy()
         arrays[name][list(FRICTION)] = 0.0

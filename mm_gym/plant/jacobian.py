@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import ActionError, CompileError, SceneError
 from mm_gym.excitation.kinds import begin_excitation
 from mm_gym.lanes import layout
@@ -18,8 +19,6 @@ from mm_gym.sensitivity.actuators import actuators_of
 from mm_gym.sensitivity.jacobian import Jacobian, Sensitivities
 from mm_gym.sensitivity.layout import CAUSED
 from mm_gym.step.episodes import complete
-
-Array = NDArray[np.float64]
 
 FOLLOWED_OF_HARMONICS = (layout.AMPLITUDE, layout.FREQUENCY, layout.PHASE)
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.lanes import layout
@@ -22,7 +23,6 @@ from mm_gym.methods.support import Support
 from mm_gym.state_space.equations import state_space, values_of
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
 
-Array = NDArray[np.float64]
 Decimals = NDArray[np.object_]
 
 DRIVERS = ("force", "stretch", "damping", "voltage", "disturbance", "ground", "one")

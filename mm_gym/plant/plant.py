@@ -9,8 +9,9 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mm_gym.arrays import Array
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.excitation.kinds import FIRST
 from mm_gym.lanes import layout
@@ -73,10 +74,10 @@ class Plant:
     settings: Settings
     reasons: tuple[str, ...]
     support: Support
-    model: NDArray[np.float64]
-    task: NDArray[np.float64]
-    template: NDArray[np.float64]
-    draws: NDArray[np.float64]
+    model: Array
+    task: Array
+    template: Array
+    draws: Array
     actuators: tuple[str, ...]
     observed: tuple[Observed, ...]
     history: int
@@ -118,14 +119,12 @@ class Plant:
         """
         return dict(self.support.records)
 
-    def records_of(self, lane: NDArray[np.float64]) -> dict[str, str]:
+    def records_of(self, lane: Array) -> dict[str, str]:
         """Return name of each set of records -> the file that a lane (rows,) has."""
         rows = self.support.number_rows
         return {name: files[int(lane[rows[name]])] for name, files in self.records.items()}
 
-    def linear(
-        self, stretch: float | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def linear(self, stretch: float | None = None) -> tuple[Array, Array]:
         """Return A (4, 4) and B (4, 1) of x' = A x + B u about equilibrium.
 
         The input u is the control force [N].
@@ -153,9 +152,7 @@ class Plant:
         b = system.control(is_between=self.support.is_between)
         return system.a.astype(np.float64), b.astype(np.float64)[:, None]
 
-    def discrete(
-        self, stretch: float | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def discrete(self, stretch: float | None = None) -> tuple[Array, Array]:
         """Return Ad (4, 4) and Bd (4, 1) of the sampled plant x_next = Ad x + Bd u.
 
         The force u [N] is held over each control step. Parameters and linearisation are those of
@@ -284,9 +281,7 @@ class Plant:
         constants = self.model, self.task
         return jacobian_of(self.support, constants, (state, action), at, parameters)
 
-    def scored_reactions(
-        self, lanes: NDArray[np.float64], model: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64]:
+    def scored_reactions(self, lanes: Array, model: Array | None = None) -> Array:
         """Return the accelerations that the objective squares, at the end of a step.
 
         Parameters
@@ -325,7 +320,7 @@ class Plant:
         """Whether the objective weighs accelerations or the force between the masses."""
         return bool(self.task[layout.HAS_DERIVED_COST])
 
-    def _middle(self, stretch: float | None) -> NDArray[np.float64]:
+    def _middle(self, stretch: float | None) -> Array:
         """Return the lane (rows,) with the middle of every range, and a stretch [-]."""
         middle = self.support.middle
         middle[layout.X1 : layout.V2 + 1] = 0.0
@@ -372,7 +367,7 @@ class Plant:
         return text
 
 
-def _equations(support: Support, row: NDArray[np.float64]) -> StateSpace:
+def _equations(support: Support, row: Array) -> StateSpace:
     """Return the linear equations of a lane (rows,) in decimal arithmetic."""
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         return state_space(values_about(support, row))

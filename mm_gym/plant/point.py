@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout
 from mm_gym.law.dry_friction import REGIMES_WRITTEN, write_regimes
 from mm_gym.methods.support import Support
 from mm_gym.plant.idle_friction import REMEDY
-
-Array = NDArray[np.float64]
 
 
 def lane_at(

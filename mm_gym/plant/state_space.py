@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SceneError, suggest
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process as process
@@ -26,8 +27,6 @@ from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from mm_gym.plant.task import Observed
-
-Array = NDArray[np.float64]
 
 INPUTS = {
     "force": "N",

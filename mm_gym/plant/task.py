@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.excitation.kinds import FILTER, FIRST, KIND, OWN, SIZE
 from mm_gym.excitation.noise import PLACE
 from mm_gym.lanes import layout
@@ -59,7 +59,7 @@ def _observed(scene: Scene, name: str) -> Observed:
     return Observed(name, channel.unit, 1.0 / scale, zero, noise)
 
 
-def task_array(scene: Scene, support: Support) -> NDArray[np.float64]:
+def task_array(scene: Scene, support: Support) -> Array:
     """Return actuators, objective and channels in the slots of `mm_gym.lanes.layout`."""
     channels = observed(scene)
     task = np.zeros(layout.CHANNELS + layout.CHANNEL_SIZE * len(channels))
@@ -108,7 +108,7 @@ def rewarded_channels(scene: Scene) -> tuple[str, ...]:
     return tuple(name for name, weight in found.items() if weight > 0.0)
 
 
-def _reserved(excitation: NDArray[np.float64], drawn: int) -> int:
+def _reserved(excitation: Array, drawn: int) -> int:
     """Return how many numbers of a lane's stream are reserved for the noise of a frame.
 
     The stream is that of the initial state, the parameters and the excitation. Without filtered
@@ -124,7 +124,7 @@ def _reserved(excitation: NDArray[np.float64], drawn: int) -> int:
     return 2 if np.any(filters[:, OWN + PLACE] == 0.0) else 0
 
 
-def _actuators(scene: Scene, task: NDArray[np.float64]) -> None:
+def _actuators(scene: Scene, task: Array) -> None:
     task[[layout.FORCE_RATE, layout.STRETCH_RATE, layout.DAMPING_RATE]] = np.inf
     task[[layout.FORCE_LAG_FACTOR, layout.STRETCH_LAG_FACTOR, layout.DAMPING_LAG_FACTOR]] = 1.0
     slots = {"force": layout.HAS_FORCE, "stretch": layout.HAS_STRETCH}
@@ -151,7 +151,7 @@ def rate_and_lag_factor(scene: Scene, name: str) -> tuple[float, float]:
     return rate, 1.0 if lag == 0.0 else -math.expm1(-step / lag)
 
 
-def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
+def _objective(scene: Scene, task: Array) -> None:
     objective = scene.objective
     task[layout.WEIGHT_DISPLACEMENT] = (
         objective.displacement_weight / objective.displacement_scale**2

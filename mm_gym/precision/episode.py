@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
 from mm_gym.methods.support import fastest_oscillation
@@ -26,8 +27,6 @@ from mm_gym.simulation.recording import (
     held_rows,
     run,
 )
-
-Values = NDArray[np.float64]
 
 EPISODES = 10  # episodes that steps are sampled from; the first is timed
 MOST_STEPS = 100  # control steps of an episode
@@ -51,11 +50,11 @@ class Episode:
     """An episode under random commands."""
 
     seed: int  # of the scene's draws and of the commands
-    commands: Values  # (n, 2) force [N] and stretch [-] commanded in each control step
+    commands: Array  # (n, 2) force [N] and stretch [-] commanded in each control step
     recording: Recording  # the sample intervals that followed from them
 
     @property
-    def scale(self) -> Values:
+    def scale(self) -> Array:
         """(4,) the episode's largest position [m], twice, and largest velocity [m/s], twice."""
         known = np.abs(np.vstack([self.recording.starts, self.recording.states])).max(axis=0)
         scale = np.repeat([known[:2].max(), known[2:].max()], 2)
@@ -68,7 +67,7 @@ class Truth:
 
     episodes: tuple[Episode, ...]  # their seeds follow one another
     places: NDArray[np.intp]  # (k, 2) index of the episode and of the sample interval in it
-    states: Values  # (k, 4) states at their ends
+    states: Array  # (k, 4) states at their ends
     oracle: str  # method and tolerance of the oracle, in words
     resolution: float  # largest difference from a coarser integration, relative to the scale
 
@@ -130,7 +129,7 @@ def _limits(plant: Plant) -> dict[int, tuple[float, float]]:
 
 def _commands(
     plant: Plant, lanes: Lanes, rng: np.random.Generator, count: int, *, at_limits: bool
-) -> Values:
+) -> Array:
     """Return uniformly random commands within the actuators' limits, or the nearer limits."""
     rows = held_rows(plant)
     commands = np.empty((count, len(rows)))
@@ -198,7 +197,7 @@ def _disturbance(recording: Recording) -> Callable[[float, str], float]:
 
 def _truth(pairs: Sequence[_Pair], episodes: Sequence[Episode]) -> Truth:
     places: list[tuple[int, int]] = []
-    ends: list[Values] = []
+    ends: list[Array] = []
     resolution, spent = float(np.finfo(np.float64).eps), 0
     most = EVALUATIONS["smooth" if pairs[0].fine.disturbance is None else "sampled"]
     for i, n in _spread([len(one.recording.starts) for one in episodes]):
@@ -233,7 +232,7 @@ def _spread(counts: Sequence[int]) -> list[tuple[int, int]]:
     return places[:MOST_CHECKED]
 
 
-def _end(oracle: Oracle, episode: Episode, n: int) -> tuple[Values, int]:
+def _end(oracle: Oracle, episode: Episode, n: int) -> tuple[Array, int]:
     """Return the state (4,) at the end of sample interval n, and the evaluations of the oracle."""
     recording = episode.recording
     interval = recording.plant.support.sample_interval

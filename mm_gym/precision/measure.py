@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mm_gym import methods
+from mm_gym.arrays import Array
 from mm_gym.errors import CompileError, SimulationError, refuse
 from mm_gym.lanes import layout
 from mm_gym.methods.support import PHYSICAL
@@ -122,7 +122,7 @@ def _family(
     return found
 
 
-def errors_of(plant: Plant, truth: Truth) -> NDArray[np.float64]:
+def errors_of(plant: Plant, truth: Truth) -> Array:
     """Return the errors (k,) of the sample intervals that the oracle integrated.
 
     All are infinite if the propagation of one fails.
@@ -142,14 +142,14 @@ def errors_of(plant: Plant, truth: Truth) -> NDArray[np.float64]:
     return np.where(np.isfinite(errors), errors, np.inf)
 
 
-def _own(plant: Plant, recording: Recording, drawn: NDArray[np.float64]) -> Recording:
+def _own(plant: Plant, recording: Recording, drawn: Array) -> Recording:
     """Return the recording as another plant's, which keeps its own kind of interface."""
     parameters = recording.parameters.copy()
     parameters[list(PHYSICAL)] = drawn[list(PHYSICAL)]
     return replace(recording, plant=plant, parameters=parameters)
 
 
-def _end(recording: Recording, n: int) -> NDArray[np.float64]:
+def _end(recording: Recording, n: int) -> Array:
     """Return the state (4,) at the end of a sample interval, by the recording's plant."""
     plant, lane = recording.plant, lane_at(recording, n)
     interval = n % plant.support.intervals_per_step

@@ -11,16 +11,17 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp  # pyright: ignore[reportUnknownVariableType] - untyped
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SimulationError
 from mm_gym.scene.mechanics import GRAVITY
 
 if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
 
-State = NDArray[np.float64]
+State = Array
 
 STICK = 0  # regime of dry friction; +1 and -1 are the directions of slip w
 

@@ -11,8 +11,8 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, MARKERS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import refuse
 from mm_gym.files import write_csv
@@ -31,7 +31,7 @@ LEAST = 2.0  # least margin
 UNKNOWN = 10.0  # margin where there is but one error, and no spread
 
 
-def margin(errors: NDArray[np.float64]) -> float:
+def margin(errors: Array) -> float:
     """Return the factor on the largest of (n,) errors that later errors hardly exceed.
 
     Above the (k + 1)-th largest error, log(error) is taken to be exponentially distributed with the

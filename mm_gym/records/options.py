@@ -7,9 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NoReturn, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mm_gym.arrays import Array
 from mm_gym.errors import check_name, refuse, suggest
 
 ACCELERATION_UNITS = {
@@ -100,7 +98,7 @@ def _is_length(text: str) -> bool:
 
 
 LARGEST = 1e12  # largest magnitude of a number in a file; larger numbers mark missing samples
-Samples: TypeAlias = "tuple[NDArray[np.float64], NDArray[np.float64], float]"
+Samples: TypeAlias = tuple[Array, Array, float]
 """Instants [s], samples in a file's unit, and their least spacing [s]."""
 
 SHORTEST = 1e-9  # shortest spacing of samples [s]

@@ -7,15 +7,12 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SceneError
 from mm_gym.records.arrays import READERS, read_arrays
 from mm_gym.records.options import UNITS, Options
 from mm_gym.records.text import header_of, read_columns, read_peer, read_text, refuse, states_counts
-
-Array = NDArray[np.float64]
-
 
 MOST_SAMPLES = 10_000_000  # most samples after resampling, of 8 bytes each
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mm_gym.arrays import Array
 from mm_gym.errors import refuse
 from mm_gym.records.spectrum_kernel import TURN, write_peaks
-
-Array = NDArray[np.float64]
 
 MOST_DAMPING = 10.0  # largest damping ratio
 MOST_PARTS = 1e10  # steps of the recurrence, at most: about a minute

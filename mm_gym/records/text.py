@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SceneError
 from mm_gym.files import read_bytes
 from mm_gym.records.options import LARGEST, SHORTEST, Options, Samples, contradiction
 
-Array = NDArray[np.float64]
 Block = tuple[int, str]
 
 

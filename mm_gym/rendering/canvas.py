@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.rendering.look import BAR, INK, PAPER, PIXELS, SIZE, Colour, Point, spring_colour
 
 FINE = 2  # pixels of the fine band to one of the picture, each way
@@ -104,7 +105,7 @@ class Canvas:
         middle = PIXELS * centre[0], PIXELS * centre[1]
         self._circle(self._picture, colour, middle, PIXELS * radius)
 
-    def curve(self, points: NDArray[np.float64], colour: Colour) -> None:
+    def curve(self, points: Array, colour: Colour) -> None:
         """Draw a curve through many points (n, 2)."""
         if len(points) > 1:
             for shift in (0.0, 0.6):  # antialiased curves are one pixel wide

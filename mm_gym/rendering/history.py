@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm  # pyright: ignore[reportUnknownVariableType] - SciPy ships no types
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
 from mm_gym.rendering.subject import Subject
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.step.outputs import excitation
-
-Array = NDArray[np.float64]
 
 KEPT = (
     layout.DAMPING + 1

@@ -7,6 +7,7 @@ from math import cos, floor, pi, sin, sqrt
 
 import numpy as np
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
 from mm_gym.law.carriage_spring import carriage_force
@@ -115,7 +116,7 @@ def recent_impulse(subject: Subject, past: Past) -> float:
     return float(sizes[found[-1]]) if found.size else 0.0
 
 
-def _force(subject: Subject, lane: rows.Array, states: rows.Array) -> rows.Array:
+def _force(subject: Subject, lane: Array, states: Array) -> Array:
     """Return the force on the carriage [N] at several moments (rows, n) of a lane."""
     spring, pair, interface = map(plain, (carriage_force, spring_force, interface_force))
     x1, offset = states[layout.X1], states[layout.X2] - states[layout.X1]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.lanes import layout
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
@@ -30,7 +31,7 @@ PERIODS = 20.0  # natural periods that the charts show, about
 class Series:
     """A line of a strip."""
 
-    values: NDArray[np.float64]  # (n,) float64, one for each control step
+    values: Array  # (n,) float64, one for each control step
     name: str  # with its unit
     colour: Colour
     is_held: bool = False  # whether a value was held over the control step that it ends
@@ -162,7 +163,7 @@ class Chart:
             canvas.text(label, (x, BOTTOM + 13), look.SMALL, look.GREY, anchor)
 
 
-def _steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _steps(points: Array) -> Array:
     """Return points (2 n - 1, 2) of a line that runs level, then jumps to the next level."""
     stepped = np.repeat(points, 2, axis=0)[1:]
     stepped[1::2, 0], stepped[1::2, 1] = points[1:, 0], points[1:, 1]

@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Single
 from mm_gym.lanes import layout
 from mm_gym.rendering.canvas import load_pygame
 from mm_gym.rendering.history import History
@@ -63,7 +64,7 @@ class Window:
         self._is_open = False
 
 
-def keys_to_action(actuators: Sequence[str]) -> dict[tuple[int, ...], NDArray[np.float32]]:
+def keys_to_action(actuators: Sequence[str]) -> dict[tuple[int, ...], Single]:
     """Return keys -> action, which command -1 and 1 in `gymnasium.utils.play`.
 
     Left and right are those of the first actuator, down and up of a second one, page down and up of
@@ -76,7 +77,7 @@ def keys_to_action(actuators: Sequence[str]) -> dict[tuple[int, ...], NDArray[np
         (pygame.K_PAGEDOWN, pygame.K_PAGEUP),
     ][: len(actuators)]
     choices = [((None, 0.0), (low, -1.0), (high, 1.0)) for low, high in pairs]
-    actions: dict[tuple[int, ...], NDArray[np.float32]] = {}
+    actions: dict[tuple[int, ...], Single] = {}
     for chosen in product(*choices):
         keys = tuple(key for key, _ in chosen if key is not None)
         if keys:  # no key is what `play` calls noop

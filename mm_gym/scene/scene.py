@@ -7,11 +7,10 @@ from collections.abc import Callable
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, Protocol, cast
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, PlainValidator
 from pydantic_core import PydanticKnownError
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SceneError, suggest
 from mm_gym.files import read_bytes
 from mm_gym.records.text import MOST_BYTES
@@ -36,8 +35,6 @@ from mm_gym.scene.mechanics import (
 )
 from mm_gym.scene.part import Data, Document, Part, Rule, dotted_name, is_known, listed, put
 from mm_gym.scene.sensors import Sensors
-
-Array = NDArray[np.float64]
 
 Weight = Annotated[float, Field(ge=0, le=1e12)]
 Scale = Annotated[float, Field(ge=1e-12, le=1e12)]

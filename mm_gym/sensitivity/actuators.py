@@ -8,12 +8,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.lanes import layout
 from mm_gym.step.task import ACTUATORS, LAG_FACTOR
-
-Array = NDArray[np.float64]
 
 
 class Actuator(NamedTuple):

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
 from mm_gym.lanes.memory import rows_of
@@ -21,7 +22,6 @@ from mm_gym.sensitivity.actuators import Actuator, actuators_of, slopes
 from mm_gym.sensitivity.model import control_step, model_of, parameter_maps
 from mm_gym.sensitivity.step_kernel import by_cubic_series, by_linear_series, by_series, step_by
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.uint64]
 
 UNFINISHED = (layout.TOO_MANY_EVENTS, layout.TOO_MANY_SERIES, layout.TOO_MANY_STEPS)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process as process
 from mm_gym.excitation import kinds as kernels
@@ -21,8 +21,6 @@ from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.methods.taylor import layout as series
 from mm_gym.sensitivity import layout as slots
 from mm_gym.sensitivity.linear_kernel import propagate
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-12
 """Of motion and deviations, where steps are Runge-Kutta's."""

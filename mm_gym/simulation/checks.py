@@ -8,6 +8,7 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mm_gym.arrays import Array, Single
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout
 from mm_gym.methods.support import Support
@@ -17,7 +18,7 @@ Mask = NDArray[np.bool_]
 
 def checked_fields(
     given: Mapping[str, ArrayLike], support: Support, count: int
-) -> dict[int, NDArray[np.float64]]:
+) -> dict[int, Array]:
     """Return rows and values of fields by dotted name: a number in the support, or one a lane."""
     rows = {name: support.row_of(name) for name in given}
     names = {row: name for name, row in support.names.items()}
@@ -35,7 +36,7 @@ def checked_fields(
     return checked
 
 
-def _check_offset(fixed: Mapping[int, NDArray[np.float64]], support: Support) -> None:
+def _check_offset(fixed: Mapping[int, Array], support: Support) -> None:
     """Raise `SceneError` for an offset at which a spring of finite stretch has length 0."""
     # As for a scene: at the least stretch, to which an actuator may go in the first step.
     furthest = support.low[layout.STRETCH] * fixed.get(layout.L0, support.low[layout.L0])
@@ -48,9 +49,7 @@ def _check_offset(fixed: Mapping[int, NDArray[np.float64]], support: Support) ->
         raise SceneError(msg)
 
 
-def _checked(
-    name: str, value: ArrayLike, row: int, support: Support, count: int
-) -> NDArray[np.float64]:
+def _checked(name: str, value: ArrayLike, row: int, support: Support, count: int) -> Array:
     array = array_of(value, name)
     if array.dtype.kind not in "fiu" or array.shape not in ((), (count,)):
         msg = f"{name}: got {value!r}; allowed: a number, or {count} of them"
@@ -83,9 +82,7 @@ def check_snapshot(
             raise SceneError(msg)
 
 
-def check_values(
-    values: NDArray[np.float64], frames: NDArray[np.float32], support: Support, idle: Mask
-) -> None:
+def check_values(values: Array, frames: Single, support: Support, idle: Mask) -> None:
     """Raise `SceneError` for values of a snapshot that lanes cannot have.
 
     The kernels rely on them: a record is read where its start and the lane's clock point to. Lanes
@@ -119,7 +116,7 @@ def check_values(
     _check_relations(values, support)
 
 
-def _check_relations(values: NDArray[np.float64], support: Support) -> None:
+def _check_relations(values: Array, support: Support) -> None:
     """Raise `SceneError` for rows that are not what follows from others, or no whole numbers."""
     for name, row in support.whole_rows.items():
         if np.any(values[row] % 1.0):
@@ -136,7 +133,7 @@ def _check_relations(values: NDArray[np.float64], support: Support) -> None:
             raise SceneError(msg)
 
 
-def _bounds(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bounds(support: Support) -> tuple[Array, Array]:
     """Return the least and largest values (rows,) that a snapshot may have."""
     largest = np.finfo(np.float64).max
     low, high = np.full_like(support.low, -largest), np.full_like(support.high, largest)

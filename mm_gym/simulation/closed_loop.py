@@ -10,6 +10,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.addresses import address_of
 from mm_gym.compiler.jit import COMPILED, compiled_for, entry_point
 from mm_gym.errors import SimulationError
@@ -20,9 +21,9 @@ from mm_gym.step.closed_loop import LAW_FAILED, run
 class Episodes(NamedTuple):
     """What came of one episode in each lane."""
 
-    returns: NDArray[np.float64]
+    returns: Array
     """(lanes,) sum of the rewards [-]"""
-    least: NDArray[np.float64]
+    least: Array
     """(lanes,) least reward, at most zero [-]"""
     lengths: NDArray[np.int64]
     """(lanes,) number of control steps"""

@@ -8,13 +8,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
 from mm_gym.law.carriage_spring import escape_distance
 from mm_gym.law.springs import stiffness
 from mm_gym.plant.plant import Plant
-
-Values = NDArray[np.float64]
 
 GROWN = (layout.TOO_MANY_EVENTS, layout.TOO_MANY_SERIES, layout.DIVERGED)
 """How a motion that grows forever may end."""
@@ -23,7 +22,7 @@ MOST_NAMED = 5
 """Lanes named in a message, at most."""
 
 
-def text_of(plant: Plant, values: Values, rewards: Values, status: int, age: Values) -> str:
+def text_of(plant: Plant, values: Array, rewards: Array, status: int, age: Array) -> str:
     """Return what went wrong in a control step.
 
     Parameters
@@ -59,7 +58,7 @@ def _named(lanes: NDArray[np.intp], count: int) -> str:
     return f", lane {named}" + (", ..." if lanes.size > MOST_NAMED else "")
 
 
-def _lost(values: Values, rewards: Values) -> NDArray[np.intp]:
+def _lost(values: Array, rewards: Array) -> NDArray[np.intp]:
     """Return the lanes whose state or cost is not finite."""
     finite = np.isfinite(values[[layout.X1, layout.X2, layout.V1, layout.V2]]).all(
         axis=0
@@ -67,7 +66,7 @@ def _lost(values: Values, rewards: Values) -> NDArray[np.intp]:
     return np.flatnonzero(~finite)
 
 
-def _escaped(plant: Plant, values: Values) -> NDArray[np.intp]:
+def _escaped(plant: Plant, values: Array) -> NDArray[np.intp]:
     """Return the lanes whose carriage has escaped."""
     parameters = values[[layout.M1, layout.K1, layout.ALPHA, layout.BETA]].T
     interval = plant.support.sample_interval
@@ -75,7 +74,7 @@ def _escaped(plant: Plant, values: Values) -> NDArray[np.intp]:
     return np.flatnonzero(np.abs(values[layout.X1]) > np.array(distances))
 
 
-def _escape(lane: Values, time: float) -> str:
+def _escape(lane: Array, time: float) -> str:
     """Return what to say of a lane (rows,) that escaped in the control step until a time [s]."""
     alpha, beta, x1 = lane[layout.ALPHA], lane[layout.BETA], lane[layout.X1]
     if alpha > 0.0:
@@ -92,7 +91,7 @@ def _escape(lane: Values, time: float) -> str:
     )
 
 
-def growth_of(lane: Values) -> str:
+def growth_of(lane: Array) -> str:
     """Return at which rate motions of a lane (rows,) grow forever, and how to change that.
 
     The text is empty where they do not. The rate is that about x1 = 0, with friction in stick.
@@ -120,7 +119,7 @@ def growth_of(lane: Values) -> str:
     )
 
 
-def _place(lane: Values, age: np.float64, plant: Plant) -> str:
+def _place(lane: Array, age: np.float64, plant: Plant) -> str:
     """Return where the carriage of a lane (rows,) is, if that is known."""
     time = f" in the control step until t = {float(age) * plant.time_step:.9g} s"
     if not np.isfinite(lane[layout.X1]):
@@ -128,7 +127,7 @@ def _place(lane: Values, age: np.float64, plant: Plant) -> str:
     return f". The carriage is at x1 = {lane[layout.X1]:.6g} m{time}"
 
 
-def _runaway(values: Values, lost: NDArray[np.intp]) -> int | None:
+def _runaway(values: Array, lost: NDArray[np.intp]) -> int | None:
     """Return the first lost lane whose motion grows forever, or else the farthest of such lanes."""
     grows = _grows_forever(values)
     if grows[lost].any():
@@ -138,5 +137,5 @@ def _runaway(values: Values, lost: NDArray[np.intp]) -> int | None:
     return int(np.argmax(np.where(grows, np.abs(values[layout.X1]), -1.0)))
 
 
-def _grows_forever(lanes: Values) -> NDArray[np.bool_]:
+def _grows_forever(lanes: Array) -> NDArray[np.bool_]:
     return np.asarray((lanes[layout.ALPHA] < 0.0) & (lanes[layout.BETA] == 0.0))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mm_gym.arrays import Array, Single
 from mm_gym.compiler.jit import entry_point, plain
 from mm_gym.compiler.notice import expect
 from mm_gym.errors import ActionError, SceneError, SimulationError
@@ -28,8 +29,6 @@ from mm_gym.simulation.failures import text_of
 from mm_gym.simulation.threads import Threads
 from mm_gym.step import episodes
 from mm_gym.step.outputs import copy_ends, copy_observed, copy_outputs
-
-Values = NDArray[np.float64]
 
 SEVERAL = 64
 """Lanes that are restarted together take less time gathered, if there are so many."""
@@ -101,7 +100,7 @@ class Lanes:
         self.are_threaded = self._threads.are_several
         self._nothing_fixed = self._rows_and_values({})
         # Rows of the initial state that were given: NaN where drawn, infinite where not known.
-        self._given: dict[int, Values] = {}
+        self._given: dict[int, Array] = {}
         self._as_drawn = np.full(count, np.nan)
         # Looked up once: with few lanes to restart, that takes longer than they do.
         self._products, self._is_excited = plant.support.products, plant.support.sampled
@@ -188,7 +187,7 @@ class Lanes:
             return step
 
         def step_and_reward(
-            actions: NDArray[np.floating], rewards: Values, first: int, last: int
+            actions: NDArray[np.floating], rewards: Array, first: int, last: int
         ) -> int:
             return self._rewarded(step(actions, rewards, first, last), rewards)
 
@@ -200,7 +199,7 @@ class Lanes:
             return nothing, (0, self.count)
         return self.own_reward.kernel, (self._values, self.rewards, 0, self.count)
 
-    def _rewarded(self, status: int, rewards: Values) -> int:
+    def _rewarded(self, status: int, rewards: Array) -> int:
         """Replace the rewards of a step of some status, if there is an own one."""
         if self.own_reward is None or status > layout.ENDED:
             return status
@@ -245,7 +244,7 @@ class Lanes:
         self._copy_outputs(*empty)
         return _one_by_one(*empty)
 
-    def observations(self) -> NDArray[np.float32]:
+    def observations(self) -> Single:
         """Return a copy of what is observed, (count, k): programs store each lane's together."""
         observed = np.empty(self.observed.shape[::-1], np.float32)
         self._copy_observed(observed)
@@ -274,7 +273,7 @@ class Lanes:
     def restart(
         self,
         which: NDArray[np.int64] | None = None,
-        fixed: Mapping[int, Values] | None = None,
+        fixed: Mapping[int, Array] | None = None,
         *,
         seen: bool = True,
         paused: bool = False,
@@ -315,18 +314,18 @@ class Lanes:
             self.values[row, which] = self.values[ratio, which] * self.values[other, which]
         write_regimes(self._values, 0, self.count)
 
-    def _rows_and_values(self, fixed: Mapping[int, Values]) -> tuple[NDArray[np.int64], Values]:
+    def _rows_and_values(self, fixed: Mapping[int, Array]) -> tuple[NDArray[np.int64], Array]:
         """Return rows and their values (rows, count), as the kernel reads them."""
         values = np.empty((len(fixed), self.count))
         for k, value in enumerate(fixed.values()):
             values[k] = value
         return np.array(list(fixed), np.int64), values
 
-    def checked(self, fixed: Mapping[str, ArrayLike]) -> dict[int, Values]:
+    def checked(self, fixed: Mapping[str, ArrayLike]) -> dict[int, Array]:
         """Return what `restart` takes as `fixed`, see `checked_fields`."""
         return checked_fields(fixed, self.plant.support, self.count)
 
-    def drawn(self, name: str) -> Values:
+    def drawn(self, name: str) -> Array:
         """Return the values (count,) of a field by dotted name, in the present episodes.
 
         Those of the initial state are drawn once more, so that no step has to keep them.
@@ -358,7 +357,7 @@ class Lanes:
             began = np.clip(low + (high - low) * numbers, low, high)
         return np.where(np.isnan(given), began, given)
 
-    def _note_given(self, which: NDArray[np.int64], fixed: Mapping[int, Values]) -> None:
+    def _note_given(self, which: NDArray[np.int64], fixed: Mapping[int, Array]) -> None:
         """Note what is given in place of what an episode would draw of its initial state."""
         for row in (row for row in fixed if row <= layout.DAMPING):
             self._given.setdefault(row, self._as_drawn.copy())
@@ -407,7 +406,7 @@ class Lanes:
         self._ends[layout.MARKED] = True
         self._given = {row: np.full(self.count, np.inf) for row in range(layout.DAMPING + 1)}
 
-    def _blocks(self, clock: Values) -> Values:
+    def _blocks(self, clock: Array) -> Array:
         """Return each lane's clock, from the first lanes of the blocks."""
         return np.repeat(clock[:: layout.BLOCK], layout.BLOCK)[: self.count]
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SimulationError
 from mm_gym.excitation import record
 from mm_gym.excitation.impulses import pass_impulses, write_impulses
@@ -29,8 +30,6 @@ from mm_gym.excitation.kinds import (
 from mm_gym.lanes import layout
 from mm_gym.plant.plant import Plant
 from mm_gym.simulation.lanes import Lanes
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

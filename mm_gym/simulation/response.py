@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError, suggest
 from mm_gym.lanes import layout
@@ -15,8 +15,6 @@ from mm_gym.law import carriage_spring, dry_friction, springs
 from mm_gym.law.interface import MOST_STATES
 from mm_gym.methods.support import Support
 from mm_gym.step.channels import CHANNELS
-
-Array = NDArray[np.float64]
 
 
 def spring_force(support: Support, p: Array, state: Array, stretch: Array) -> Array:

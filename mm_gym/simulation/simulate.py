@@ -11,8 +11,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import OBSTACLE
 from mm_gym.compiler.notice import NOT_KEPT
 from mm_gym.errors import ActionError, SimulationError
@@ -27,7 +28,7 @@ from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import Recording, blank, held_rows, locate, run, states_at
 from mm_gym.simulation.trajectory import Trajectory
 
-Policy = Callable[[float, NDArray[np.float64]], ArrayLike]
+Policy = Callable[[float, Array], ArrayLike]
 
 MOST_STEPS = 100_000_000
 """Control steps of one simulation at most. It takes 80 bytes for each sample interval, and more
@@ -121,7 +122,7 @@ def _plant_of(scene: Scene | Plant, ground: ArrayLike | None) -> Plant:
     return shaken(scene, ground)
 
 
-def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> NDArray[np.float64]:
+def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> Array:
     """Return the instants (n,) [s] of the trajectory."""
     if times is not None:
         if duration is not None:
@@ -143,7 +144,7 @@ def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> 
     return np.concatenate([grid, length[None]], dtype=np.float64)
 
 
-def _numbers(name: str, value: object, error: type[Exception]) -> NDArray[np.float64]:
+def _numbers(name: str, value: object, error: type[Exception]) -> Array:
     """Return finite numbers as an array; raise the error for anything else."""
     try:
         array = np.asarray(value)
@@ -169,9 +170,7 @@ def _steps_until(end: float, time_step: float) -> int:
     return nearest if abs(steps - nearest) <= 1e-12 * max(nearest, 1) else int(np.ceil(steps))
 
 
-def _commands(
-    plant: Plant, action: ArrayLike | None, steps: int, start: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _commands(plant: Plant, action: ArrayLike | None, steps: int, start: Array) -> Array:
     """Return the commands (steps, 2 or 3) of `recording.run`, constant where not actuated."""
     rows = held_rows(plant)
     commands = np.empty((steps, len(rows)))
@@ -195,9 +194,7 @@ def _columns(plant: Plant) -> list[int]:
     return [layout.APPLIED[name] - layout.FORCE for name in plant.actuators]
 
 
-def _check_finite(
-    instants: NDArray[np.float64], state: NDArray[np.float64], lane: NDArray[np.float64]
-) -> None:
+def _check_finite(instants: Array, state: Array, lane: Array) -> None:
     lost = np.flatnonzero(~np.all(np.isfinite(state), axis=1))
     if lost.size:
         growth = growth_of(lane)
@@ -235,7 +232,7 @@ def record_of(motion: ArrayLike) -> Generator[Recorded]:
         yield Recorded(target="ground", file=str(file), unit="m/s^2")
 
 
-def checked_motion(motion: ArrayLike) -> NDArray[np.float64]:
+def checked_motion(motion: ArrayLike) -> Array:
     """Return a ground motion (k, 2) as finite numbers, or raise `SimulationError`."""
     samples = np.asarray(motion)
     shape = samples.shape

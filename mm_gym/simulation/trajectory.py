@@ -11,8 +11,8 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import SimulationError
 from mm_gym.files import write_csv
@@ -68,13 +68,13 @@ class Trajectory:
         in them.
     """
 
-    time: NDArray[np.float64]
-    state: NDArray[np.float64]
-    interface_state: NDArray[np.float64]
-    action: NDArray[np.float64]
-    applied: NDArray[np.float64]
+    time: Array
+    state: Array
+    interface_state: Array
+    action: Array
+    applied: Array
     actuators: tuple[str, ...]
-    parameters: NDArray[np.float64]
+    parameters: Array
     recording: Recording
     place: Place
 
@@ -84,12 +84,12 @@ class Trajectory:
         return self.recording.plant.records_of(self.parameters)
 
     @cached_property
-    def excitation(self) -> NDArray[np.float64]:
+    def excitation(self) -> Array:
         """Disturbing force [N] and acceleration of the ground [m/s^2], (n, 2)."""
         return excitation(self.recording, self.place)
 
     @cached_property
-    def acceleration(self) -> NDArray[np.float64]:
+    def acceleration(self) -> Array:
         """Absolute accelerations (n, 2) [m/s^2] of carriage and sphere.
 
         They include the acceleration of the ground. Impulses are left out, because they change the
@@ -99,12 +99,12 @@ class Trajectory:
         return acceleration(support, self.parameters, states, self.applied, self.excitation[:, 0])
 
     @property
-    def _states(self) -> NDArray[np.float64]:
+    def _states(self) -> Array:
         """The states (n, 4), with the interface's own behind them."""
         return np.hstack([self.state, self.interface_state])
 
     @cached_property
-    def base_force(self) -> NDArray[np.float64]:
+    def base_force(self) -> Array:
         """Base shear, the force (n,) [N] on the base, positive in the direction of x1.
 
         It is the force of the carriage's spring and damper, plus the reaction to the control force
@@ -113,7 +113,7 @@ class Trajectory:
         support = self.recording.plant.support
         return base_force(support, self.parameters, self.state, self.applied)
 
-    def channel(self, name: str) -> NDArray[np.float64]:
+    def channel(self, name: str) -> Array:
         """Return a channel (n,) by its name, in SI units, without noise and delay.
 
         Raises
@@ -153,7 +153,7 @@ class Trajectory:
         return root_mean_square(self.time, self.channel(name))
 
     @cached_property
-    def energy(self) -> NDArray[np.float64]:
+    def energy(self) -> Array:
         """Kinetic and elastic energy (n,) [J], with the stretch and voltage of each instant."""
         energy = mechanical_energy(self.parameters, self.state, self.applied[:, 1])
         support = self.recording.plant.support

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
@@ -69,7 +70,7 @@ def slip_space(p: Values) -> StateSpace:
     return StateSpace(*(np.array(x, dtype=object) for x in (a, force, ground, pair)))
 
 
-def values_of(row: NDArray[np.float64]) -> dict[str, Decimal]:
+def values_of(row: Array) -> dict[str, Decimal]:
     """Return m1, m2, k1 (times alpha), d, c and k2 of one lane.
 
     Doubles enter as the decimals that they exactly are.
@@ -94,7 +95,7 @@ def values_of(row: NDArray[np.float64]) -> dict[str, Decimal]:
         return {"m1": m1, "m2": m2, "k1": k1 * alpha, "d": d, "c": c, "k2": k2}
 
 
-def linear_system(row: NDArray[np.float64]) -> StateSpace:
+def linear_system(row: Array) -> StateSpace:
     """Return the linear equations of one lane; dry friction enters with its slope in stick."""
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         return state_space(values_of(row))

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import DesignError
-
-Array = NDArray[np.float64]
 
 REACHED = 1e-9
 """Part of a direction of size 1 below which it is round-off."""

@@ -13,6 +13,8 @@ from decimal import Context, Decimal, localcontext
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
+
 GUARD_DIGITS = 30
 """Digits kept beyond those that the squarings can lose: 17 for a double, the rest for the sums."""
 
@@ -26,7 +28,7 @@ LARGEST_EXPONENT = 200
 minutes."""
 
 
-def exponential(matrix: NDArray[np.object_], time: float) -> NDArray[np.float64]:
+def exponential(matrix: NDArray[np.object_], time: float) -> Array:
     """Return exp(matrix * time), each entry rounded once to double precision.
 
     Parameters
@@ -109,6 +111,6 @@ def halved_exponentials(
     return squares[::-1][: levels + 1]
 
 
-def decimals(matrix: NDArray[np.float64]) -> NDArray[np.object_]:
+def decimals(matrix: Array) -> NDArray[np.object_]:
     """Return the matrix with each double as the `decimal.Decimal` that it exactly is."""
     return np.array([[Decimal(float(entry)) for entry in row] for row in matrix], dtype=object)

@@ -8,18 +8,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.state_space.equations import StateSpace, Values
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS, exponential, halved_exponentials
 
 
-def transition(system: StateSpace, time: float, *, is_between: bool = False) -> NDArray[np.float64]:
+def transition(system: StateSpace, time: float, *, is_between: bool = False) -> Array:
     """Return [exp(A t) | response to a held unit control force], (4, 5)."""
     generator = np.full((5, 5), Decimal(0))
     generator[:4, :4], generator[:4, 4] = system.a, system.control(is_between=is_between)
     return exponential(generator, time)[:4]
 
 
-def halved_transitions(system: StateSpace, time: float, levels: int) -> NDArray[np.float64]:
+def halved_transitions(system: StateSpace, time: float, levels: int) -> Array:
     """Return exp(A t / 2**k) for k = 1 .. levels, (levels, 4, 4)."""
     halves = halved_exponentials(system.a, time, levels)[1:]
     return np.array([half.astype(np.float64) for half in halves])
@@ -47,9 +48,7 @@ def jet(terms: int, time: float) -> Exosystem:
     return Exosystem(matrix, np.array([Decimal(n == 0) for n in range(terms)]))
 
 
-def response(
-    system: StateSpace, source: Exosystem, *, ground: bool, time: float
-) -> NDArray[np.float64]:
+def response(system: StateSpace, source: Exosystem, *, ground: bool, time: float) -> Array:
     """Return what each state of an exosystem at the step's start adds to the state at its end.
 
     (n, 4), for a force on the carriage or an acceleration of the ground.
@@ -61,7 +60,7 @@ def response(
     return exponential(generator, time)[:4, 4:].T
 
 
-def massless_transition(p: Values, time: float, *, is_between: bool = False) -> NDArray[np.float64]:
+def massless_transition(p: Values, time: float, *, is_between: bool = False) -> Array:
     """Return the same as `transition` for a carriage without mass.
 
     The velocity v1 at the step's start has no influence.
@@ -70,15 +69,13 @@ def massless_transition(p: Values, time: float, *, is_between: bool = False) -> 
     return moved[:, :5].astype(np.float64)
 
 
-def halved_massless_transitions(p: Values, time: float, levels: int) -> NDArray[np.float64]:
+def halved_massless_transitions(p: Values, time: float, levels: int) -> Array:
     """Return the same as `halved_transitions` for a carriage without mass."""
     halves = _massless(p, harmonic(0.0), time, levels)[1:]
     return np.array([half[:, :4].astype(np.float64) for half in halves])
 
 
-def massless_response(
-    p: Values, source: Exosystem, *, ground: bool, time: float
-) -> NDArray[np.float64]:
+def massless_response(p: Values, source: Exosystem, *, ground: bool, time: float) -> Array:
     """Return the same as `response` for a carriage without mass."""
     return _massless(p, source, time, 0, ground=ground)[0][:, 5:].T.astype(np.float64)
 

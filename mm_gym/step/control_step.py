@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mm_gym.arrays import Array, Single
 from mm_gym.compiler.jit import borrowing_kernel, plain
 from mm_gym.excitation.harmonics import rotate
 from mm_gym.excitation.impulses import apply_first_impulses
@@ -28,8 +26,6 @@ from mm_gym.step.task import (
     steer,
     task_and_model,
 )
-
-Values = NDArray[np.float64]
 
 
 class Entries(NamedTuple):
@@ -53,7 +49,7 @@ class Entries(NamedTuple):
     advance_simply: Callable[..., int] | None
 
     def advance_of(
-        self, task: Values, model: Values, frames: NDArray[np.float32], *, excited: bool
+        self, task: Array, model: Array, frames: Single, *, excited: bool
     ) -> Callable[..., int]:
         """Return the kernel of a control step for a scene with or without sampled excitation."""
         if self.is_simple and self.advance_simply and plain(self.is_simple)(task, model, frames):

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.harmonics import begin_harmonic
 from mm_gym.lanes import layout
@@ -31,8 +32,6 @@ from mm_gym.step.outputs import (
     write_channels,
 )
 from mm_gym.step.task import ACTUATORS, IS_RATE, begin_own, finite, task_and_model
-
-Values = NDArray[np.float64]
 
 
 @borrowing_kernel
@@ -216,7 +215,7 @@ def rest(lanes, actions, which, first, last):
 
 
 def lists_of_start(
-    template: Values, draws: Values, model: Values, task: Values, count: int
+    template: Array, draws: Array, model: Array, task: Array, count: int
 ) -> NDArray[np.int64]:
     """Return the lists of `restart_gathered`: of rows read and rows written, and 0 .. count - 1.
 

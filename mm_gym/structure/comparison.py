@@ -11,9 +11,10 @@ from os import PathLike
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_continuous_lyapunov
 
+from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import StructureError, refuse
 from mm_gym.files import aligned
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from mm_gym.simulation.simulate import Policy
-
-Array = NDArray[np.float64]
 
 POINTS = 20
 """Instants to the shortest natural period, so that peaks are within 1.3 % of those in between."""

@@ -15,10 +15,11 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError, StructureError
 from mm_gym.law import INTERFACES, dry_friction, springs
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
     from mm_gym.simulation.simulate import Policy
     from mm_gym.structure.structure import Reduction
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-8
 """Relative tolerance of the integration of a nonlinear device: far below what a reduction leaves

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
+from mm_gym.arrays import Array
 from mm_gym.errors import StructureError, refuse
 from mm_gym.files import write_text
 from mm_gym.plant.compile import compile_scene
@@ -30,8 +31,6 @@ from mm_gym.structure.ground import Shaking, check_draws, check_mass
 if TYPE_CHECKING:
     from mm_gym.simulation.simulate import Policy
     from mm_gym.tuning.closed_forms import Absorber
-
-Array = NDArray[np.float64]
 Entry = Mapping[str, object] | Part
 
 

@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 
 from mm_gym.analysis.linear import Linear, linear_values
 from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import DesignError, SimulationError, check_name, refuse
 from mm_gym.lanes.layout import NO_ROW
@@ -29,7 +30,6 @@ from mm_gym.tuning.reach import obstacle, reach_of, springs_with
 from mm_gym.tuning.result import FrictionDesign, FrictionTuning
 from mm_gym.tuning.transfer import EXCITATIONS
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Pair = tuple[float, float]
 

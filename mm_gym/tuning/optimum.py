@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize, root
 
 from mm_gym.analysis.linear import Linear, characteristic, linear_values
+from mm_gym.arrays import Array
 from mm_gym.errors import DesignError, check_name, refuse
 from mm_gym.scene.scene import Scene
 from mm_gym.tuning.closed_forms import CLOSED_FORMS, closed_form
@@ -35,9 +35,6 @@ from mm_gym.tuning.transfer import (
     variance,
     without_dimension,
 )
-
-Array = NDArray[np.float64]
-
 
 CRITERIA = ("h_infinity", "h2", "stability")
 

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mm_gym.analysis.linear import linear_values
 from mm_gym.analysis.springs import stretch_for_stiffness
+from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, STYLES, drawn, hertz_above, legend_below, panels
 from mm_gym.files import aligned, write_text
 from mm_gym.scene.mechanics import LinearSprings, NoSprings
@@ -27,8 +27,6 @@ from mm_gym.tuning.transfer import amplitude, si_factor, si_unit, transfer, with
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 Row = tuple[str, ...]
 
 NAMES = {

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym.analysis.linear import Linear, characteristic
+from mm_gym.arrays import Array
 from mm_gym.step.channels import CHANNELS as ALL_CHANNELS
 
-Polynomial = NDArray[np.float64]
-Array = Polynomial
-
+Polynomial = Array  # coefficients, of the highest power first
 
 EXCITATIONS = ("force", "ground")
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.arrays import Array
 from mm_gym.lanes import layout
 from mm_gym.methods.base import ExactMethod, Settings, header
 from mm_gym.methods.cayley_hamilton import kernel as ch
@@ -70,7 +71,7 @@ class CayleyHamilton(ExactMethod):
             )
         return None
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+    def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the generator and the polynomials of the cubic's coefficients."""
         model = np.concatenate([header(support, 0), np.zeros(ch.END - layout.MODEL_OWN)])
         p = values_of(support.low)  # the springs are stiffest at the lowest stretch
@@ -94,7 +95,7 @@ class CayleyHamilton(ExactMethod):
         model[ch.OF_STATE : ch.END] = cubics[:, :, ::-1].astype(np.float64).ravel()
         return model
 
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the products of the polynomials and of the excitation."""
         excitation = 40 * int(model[layout.HARMONIC_COUNT]) + 10 * int(model[layout.TERMS])
         return f"{4 * ch.COEFFICIENTS + 28 + excitation} products"
@@ -113,7 +114,7 @@ def _amplification(support: Support) -> float:
     return 2.0 * support.low[layout.M1] / lowest if lowest > 0.0 else math.inf
 
 
-def _most_stretched(support: Support) -> NDArray[np.float64]:
+def _most_stretched(support: Support) -> Array:
     row = support.low.copy()
     row[layout.STRETCH] = support.high[layout.STRETCH]
     return row

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from mm_gym.arrays import Array
 from mm_gym.lanes import layout
 from mm_gym.methods.base import Method, Option, Settings, header
 from mm_gym.methods.fixed_step import kernel
@@ -11,9 +12,6 @@ from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, SMOOTH_NONLINEAR
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from mm_gym.methods.support import Support
 
 
@@ -24,14 +22,14 @@ class FixedStep(Method):
     evaluations: ClassVar[int]
     """evaluations of the forces in a substep"""
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+    def model(self, support: Support, settings: Settings) -> Array:
         """Return the number of substeps and the kind of springs."""
         model = header(support, 2)
         model[kernel.SUBSTEPS] = settings.substeps
         model[kernel.IS_FINITE] = support.high[layout.L0] > 0.0
         return model
 
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the number of evaluations of the forces."""
         return f"{self.evaluations * int(model[kernel.SUBSTEPS])} evaluations of the forces"
 

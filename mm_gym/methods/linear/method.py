@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.arrays import Array
 from mm_gym.excitation.kinds import IMPULSES
 from mm_gym.lanes import layout
 from mm_gym.methods.base import ExactMethod, Settings, header, refuse_overflow
@@ -27,18 +28,16 @@ from mm_gym.step.control_step import build
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from mm_gym.methods.support import Support
     from mm_gym.state_space.transition import Exosystem
 
 
 def _linear_model(
     support: Support,
-    transition: NDArray[np.float64],
-    respond: Callable[[Exosystem, bool], NDArray[np.float64]],
-    halved: Callable[[int], NDArray[np.float64]],
-) -> NDArray[np.float64]:
+    transition: Array,
+    respond: Callable[[Exosystem, bool], Array],
+    halved: Callable[[int], Array],
+) -> Array:
     """Return the constants of the kernel.
 
     They are the transition, the responses to harmonics and to jets, and, if there are impulses, the
@@ -69,7 +68,7 @@ class Linear(ExactMethod):
         kernel.propagate, simplest=(kernel.is_simple, kernel.at_once), respond=kernel.respond
     )
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+    def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the transition matrix and the responses to all excitation."""
         system, time = linear_system(support.low), support.sample_interval
         with refuse_overflow(support):
@@ -80,7 +79,7 @@ class Linear(ExactMethod):
                 lambda levels: halved_transitions(system, time, levels),
             )
 
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the number of products."""
         return f"{20 + 8 * int(model[layout.HARMONIC_COUNT] + model[layout.TERMS])} products"
 
@@ -102,7 +101,7 @@ class Massless(Linear):
             return "needs interface.damping + carriage.damping > 0, or nothing resists its motion"
         return None
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+    def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the transition matrix and the responses to all excitation."""
         values, time = values_of(support.low), support.sample_interval
         with refuse_overflow(support):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.arrays import Array
 from mm_gym.errors import CompileError
 from mm_gym.lanes import layout
 from mm_gym.law.linear_motion import respond
@@ -17,8 +18,6 @@ from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from numpy.typing import NDArray
 
     from mm_gym.methods.support import Support
 
@@ -51,11 +50,11 @@ class ExponentialAction(ExactMethod):
     entries = build(kernel.propagate, respond=respond)
     held = "a held force and stretch"
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+    def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the number of pieces in a sample interval and the degree of the series."""
         return _model(support, lambda phase, _: degree(phase))
 
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the number of products with A."""
         return f"{int(model[kernel.PIECES])} x {int(model[kernel.DEGREE])} products with A"
 
@@ -80,7 +79,7 @@ class TruncatedSeries(Method):
             return None
         return f"solver.tolerance is {TIGHT:g} or less, where an exact method costs little more"
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+    def model(self, support: Support, settings: Settings) -> Array:
         """Return the number of pieces in a sample interval and the degree of the series.
 
         Each piece has an equal part of the tolerance.
@@ -92,7 +91,7 @@ class TruncatedSeries(Method):
         """Return the order."""
         return "the number of derivatives"
 
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the number of derivatives."""
         count = f"{int(model[kernel.PIECES])} x {int(model[kernel.DEGREE])}"
         return f"{count} derivatives of some 10 products each"
@@ -102,7 +101,7 @@ class TruncatedSeries(Method):
         return f"{settings.tolerance:g} of the state's scale over a control step"
 
 
-def _model(support: Support, degree_of_piece: Callable[[float, float], int]) -> NDArray[np.float64]:
+def _model(support: Support, degree_of_piece: Callable[[float, float], int]) -> Array:
     """Return the constants of the kernel.
 
     The degree follows from the largest product of a rate and a piece, and from the number of pieces

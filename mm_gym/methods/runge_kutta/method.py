@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mm_gym.arrays import Array
 from mm_gym.excitation import sources
 from mm_gym.lanes import layout
 from mm_gym.methods.base import Method, Option, Settings
@@ -29,8 +30,6 @@ from mm_gym.methods.taylor.method import Taylor
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from mm_gym.law.interface import Interface
     from mm_gym.methods.support import Support
     from mm_gym.step.control_step import Entries
@@ -143,7 +142,7 @@ class RungeKutta(Method):
             return "carriage.cubic_coefficient is negative"
         return sources.obstacle(support.frequencies, support.terms, support.sample_interval)
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+    def model(self, support: Support, settings: Settings) -> Array:
         """Return the model of the Taylor series, then the steps to begin with and their stages."""
         finer = settings._replace(tolerance=settings.tolerance * FINER)
         series = _SERIES.model(support, finer)
@@ -173,7 +172,7 @@ class RungeKutta(Method):
         """Return the orders of the pairs."""
         return "3, 5 or 8, whichever is cheapest"
 
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the work expected."""
         steps = int(model[slots.STEPS])
         evaluations = steps * int(model[slots.STAGES]) + 1

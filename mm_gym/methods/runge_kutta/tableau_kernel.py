@@ -20,6 +20,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload
 
+from mm_gym.arrays import Array
 from mm_gym.lanes.simd import LANES, NUMBERS, call
 from mm_gym.lanes.tangents import TANGENTS, slopes_of, tangent, value_of, vectors_of
 from mm_gym.methods.runge_kutta import layout as slots
@@ -27,7 +28,6 @@ from mm_gym.methods.runge_kutta import layout as slots
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
 
 _ROUND_OFF = 1e-13
 
@@ -49,9 +49,9 @@ class Tableau(NamedTuple):
         Whether the error is that of eighth order from both, or the first alone.
     """
 
-    times: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    errors: NDArray[np.float64]
+    times: Array
+    weights: Array
+    errors: Array
     power: int
     is_combined: bool
 
@@ -60,7 +60,7 @@ class Tableau(NamedTuple):
         """Number of the stages before the end."""
         return len(self.times) - 1
 
-    def sums(self) -> list[tuple[float, NDArray[np.float64], NDArray[np.float64]]]:
+    def sums(self) -> list[tuple[float, Array, Array]]:
         """Return time and weights in velocities and positions: of all later stages, of estimates.
 
         Estimates leave out the velocity at the step's start: their time is 0.
@@ -119,9 +119,9 @@ def tableaus() -> tuple[Tableau, ...]:
 
 def _tableau(
     pair: type[Any],
-    error: NDArray[np.float64],
+    error: Array,
     *,
-    other: NDArray[np.float64] | None = None,
+    other: Array | None = None,
     nodes: Sequence[int] = (),
 ) -> Tableau:
     """Return a pair; without another estimate, the difference from a quadrature of some stages."""
@@ -136,7 +136,7 @@ def _tableau(
 
 
 @cache
-def _all_sums() -> list[tuple[float, NDArray[np.float64], NDArray[np.float64]]]:
+def _all_sums() -> list[tuple[float, Array, Array]]:
     return [one for pair in tableaus() for one in pair.sums()]
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mm_gym.arrays import Array
 from mm_gym.excitation import sources
 from mm_gym.excitation.kinds import CORNERS
 from mm_gym.lanes import layout
@@ -21,8 +22,6 @@ from mm_gym.methods.taylor.method import Taylor
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from mm_gym.methods.support import Support
 
 TIGHTEST = 1e-12
@@ -148,7 +147,7 @@ class Splitting(Method):
         too_fast = sources.obstacle(support.frequencies, support.terms, support.sample_interval)
         return too_fast or _haste(support)
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+    def model(self, support: Support, settings: Settings) -> Array:
         """Return the model of the Taylor series, then the columns and their weights."""
         series = _SERIES.model(support, settings)
         model = np.concatenate([series, np.zeros(slots.END - len(series))])
@@ -205,7 +204,7 @@ class Splitting(Method):
         """Return the order."""
         return "2 more than twice the number of columns"
 
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the work expected."""
         first, columns = int(model[slots.COLUMN + slots.COUNT]), int(model[slots.FIRST_CHECK])
         counts = Plan(first, columns).counts
@@ -276,7 +275,7 @@ def fastest_frequency(support: Support) -> float:
     )
 
 
-def furthest(support: Support, settings: Settings, first: int) -> NDArray[np.float64]:
+def furthest(support: Support, settings: Settings, first: int) -> Array:
     """Return the largest displacements [m], squared, at which 1, 2, ... columns may do (of.MOST,).
 
     There the bound of their error, at the rate that follows from the springs' slope and from the
@@ -347,7 +346,7 @@ def _can_extrapolate(first: int, columns: int, limit: float) -> bool:
 
 
 @lru_cache(maxsize=256)
-def weights_of(first: int, columns: int) -> NDArray[np.float64]:
+def weights_of(first: int, columns: int) -> Array:
     """Return the weights of the columns' states, then what weighs them to the estimate.
 
     Both are filled up with zeros to (of.MOST,) each. The estimate is the difference from the result
@@ -377,7 +376,7 @@ def _extrapolating(counts: range) -> list[float]:
     return [float(row[-1]) for row in matrix]
 
 
-def drifts_of(row: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
+def drifts_of(row: Array, times: Array) -> Array:
     """Return how the dampers alone, v' = M v, let the masses drift in times [s], (n, 8).
 
     What the velocities add to the positions (2, 2) [s], then what is left of them (2, 2). Scaled by

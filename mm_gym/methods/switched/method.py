@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError
 from mm_gym.lanes import layout
@@ -75,7 +76,7 @@ class Switched(ExactMethod):
     entries = build(kernel.propagate, whole=kernel.propagate_whole)
     held = "a held force, every crossing found"
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+    def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the transition matrices of both regimes over the interval and its halves."""
         low = support.low
         mu1, mu2, vr, chi, normal = (
@@ -119,7 +120,7 @@ class Switched(ExactMethod):
             model[switched.STICK_SERIES : switched.STICK_SERIES + 2] = ends[2:4]
         return np.concatenate(parts)
 
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the work of an interval, and of a change of regime."""
         inputs = STATE_INPUTS + 2 * int(model[layout.HARMONIC_COUNT])
         terms = int(model[switched.TERMS] or model[switched.DEGREE])
@@ -139,7 +140,7 @@ class SwitchedSeries(ExactMethod):
     entries = build(series_kernel.propagate, stops_at_corners=True)
     held = "a held force and stretch, every crossing found"
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+    def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the degree of the series."""
         phase = fastest_rate(support) * support.sample_interval
         _refuse_long_interval(
@@ -149,7 +150,7 @@ class SwitchedSeries(ExactMethod):
         model[series_kernel.DEGREE] = degree(LONGEST_SERIES)
         return model
 
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the work of a time constant, and of a change of regime."""
         degree = int(model[series_kernel.DEGREE])
         return f"a series of degree {degree} per time constant and change of regime"
@@ -167,7 +168,7 @@ def _refuse_long_interval(support: Support, phase: float, longest: float, unit: 
         raise CompileError(msg)
 
 
-def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> NDArray[np.float64]:
+def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> Array:
     """Return the levels of one regime of the friction, f = damping w + sign force.
 
     See `mm_gym.methods.switched.kernel`.
@@ -203,7 +204,7 @@ def _terms(support: Support, damping: Decimal, force: Decimal, most: int) -> int
     return most
 
 
-def _series(support: Support, damping: Decimal, force: Decimal, terms: int) -> NDArray[np.float64]:
+def _series(support: Support, damping: Decimal, force: Decimal, terms: int) -> Array:
     """Return what the series of one regime need, see `mm_gym.methods.switched.layout`."""
     p, interval = values_of(support.low), support.sample_interval
     m1, m2, k1, d, k2, c, f = (
@@ -218,9 +219,7 @@ def _series(support: Support, damping: Decimal, force: Decimal, terms: int) -> N
     return np.concatenate([first, [1.0 + m1 / m2], rest.ravel()])
 
 
-def _level(
-    second: NDArray[np.float64], transition: NDArray[np.object_], gains: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _level(second: Array, transition: NDArray[np.object_], gains: Array) -> Array:
     rows, change = _state_rows(transition), _change_of_slip(transition)
     slots = [second[:6], rows[:, :6].ravel(), change[:6], gains[:6], gains[-1:]]
     for k in range(6, len(second), 2):
@@ -257,7 +256,7 @@ def _generator(support: Support, damping: Decimal, force: Decimal) -> NDArray[np
     return generator
 
 
-def _state_rows(transition: NDArray[np.object_]) -> NDArray[np.float64]:
+def _state_rows(transition: NDArray[np.object_]) -> Array:
     """Return the rows of x1, x2, v1, v2 for inputs with x2 and v2; each entry is rounded once."""
     with localcontext(Context(prec=100)):
         rows = np.array(
@@ -272,7 +271,7 @@ def _state_rows(transition: NDArray[np.object_]) -> NDArray[np.float64]:
     return rows.astype(np.float64)
 
 
-def _change_of_slip(transition: NDArray[np.object_]) -> NDArray[np.float64]:
+def _change_of_slip(transition: NDArray[np.object_]) -> Array:
     """Return the row of w(t) - w(0); each entry is rounded once."""
     row = transition[3].copy()
     with localcontext(Context(prec=100)):
@@ -280,9 +279,7 @@ def _change_of_slip(transition: NDArray[np.object_]) -> NDArray[np.float64]:
     return row.astype(np.float64)
 
 
-def _gains(
-    support: Support, second: NDArray[np.float64], transitions: list[NDArray[np.float64]]
-) -> list[NDArray[np.float64]]:
+def _gains(support: Support, second: Array, transitions: list[Array]) -> list[Array]:
     """Return for each level the gains that bound w'' over its interval h.
 
     They satisfy h**2 |w''(t)| / 2 <= gains . (|inputs|, |w''(0)|).
@@ -302,7 +299,7 @@ def _gains(
     along = rows @ (weights * second) / norm if norm > 0.0 else np.zeros(len(rows))
     rest = np.abs(rows - along[:, None] * second)
     largest = SAMPLING * np.maximum.accumulate(np.column_stack([rest, np.abs(along)]))
-    gains: list[NDArray[np.float64]] = []
+    gains: list[Array] = []
     for k in range(len(transitions) - FINER):
         last = 1 << (finest - k)
         # An interval too long to be sampled is always halved.

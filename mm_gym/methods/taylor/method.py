@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from mm_gym.arrays import Array
 from mm_gym.errors import CompileError
 from mm_gym.lanes import layout
 from mm_gym.methods.base import Method, Option, Settings, header
@@ -14,9 +15,6 @@ from mm_gym.methods.taylor import layout as series
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from mm_gym.methods.support import Support
 
 TIGHTEST = 1e-15
@@ -49,7 +47,7 @@ class Taylor(Method):
     entries = build(blocks_kernel.propagate, shorten=kernel.shorten, stops_at_corners=True)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(2, 16)))
 
-    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+    def model(self, support: Support, settings: Settings) -> Array:
         """Return the order, the tolerance, and which forces there are."""
         model = header(support, 5)
         high = support.high
@@ -78,7 +76,7 @@ class Taylor(Method):
         """Return the highest order."""
         return f"at most {_order(settings.tolerance)}"
 
-    def cost(self, model: NDArray[np.float64]) -> str:
+    def cost(self, model: Array) -> str:
         """Return the work of a series."""
         order = int(model[series.ORDER])
         return f"some {order * (order + 20)} products a series, as many series as the motion needs"

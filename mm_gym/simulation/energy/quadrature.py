@@ -8,8 +8,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
 from mm_gym.methods.support import fastest_rate
@@ -19,8 +19,6 @@ from mm_gym.sensitivity.model import model_of
 from mm_gym.simulation.energy import rate_series_kernel
 from mm_gym.simulation.recording import Recording, lanes_at
 from mm_gym.simulation.response import interface_energy, interface_force
-
-Array = NDArray[np.float64]
 
 NODES = 8
 """Of a panel."""

@@ -25,14 +25,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring, springs
 from mm_gym.simulation.energy import quadrature, rate_kernel
 from mm_gym.simulation.recording import Place, Recording, jets_over, pieces, stops_at_corners
 from mm_gym.simulation.response import damped, interface_energy
-
-Array = NDArray[np.float64]
 
 CONTROL, CHANGE, DISSIPATED, DISTURBANCE = range(4)
 """Columns of the work of each kind; CHANGE is that of changing the stretch, or the voltage."""
