@@ -34,6 +34,7 @@ def sources() -> list[Path]:
     """Return the files that compiled code is made from."""
     package = Path(__file__).parents[1]
     places = (
+        "arrays.py",
         "compiler/*.py",
         "lanes/*.py",
         "law/*.py",

@@ -243,7 +243,8 @@ def test_energy_has_in_common_with_the_methods_what_it_says_and_no_more():
         "sensitivity.series_kernel",
         "simulation.response",
     }  # the docstring of `work`
-    tools = {"errors", "compiler.jit", "lanes.layout", "lanes.tangents", "simulation.recording"}
+    tools = {"arrays", "errors", "compiler.jit", "lanes.layout", "lanes.tangents"}
+    tools |= {"simulation.recording"}
     others = {module for module in imported if not module.startswith(room)}
     assert others <= {f"mm_gym.{name}" for name in tools | said}
     assert any(module.startswith(room) for module in imported)
