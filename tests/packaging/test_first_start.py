@@ -45,10 +45,14 @@ OnceDispatcher._announced_and_made = counted
 
 QUARTER = f"{COMPILED_HERE}\nimport module\nprint(module.quarter(2.0), compiled)"
 
-STEP = f"""{COMPILED_HERE}
+APART = """
 from numba.core import caching
 for place in (caching.InTreeCacheLocator, caching.UserWideCacheLocator):
     place.get_cache_path = lambda _: "~"  # none: other tests' code may be there
+"""
+"""Leaves the folder of `NUMBA_CACHE_DIR` as the only one."""
+
+STEP = f"""{COMPILED_HERE}
 import gymnasium, mm_gym
 env = gymnasium.make("{TASK}")
 env.reset(seed=0)
@@ -127,8 +131,8 @@ def test_processes_that_start_at_once_compile_once(module, tmp_path):
 
 @pytest.mark.slow
 def test_ten_workers_that_start_at_once_compile_what_one_would(tmp_path):
-    alone = start(STEP, NUMBA_CACHE_DIR=str(tmp_path / "one")).communicate()[0]
-    processes = [start(STEP, NUMBA_CACHE_DIR=str(tmp_path / "ten")) for _ in range(10)]
+    alone = start(APART + STEP, NUMBA_CACHE_DIR=str(tmp_path / "one")).communicate()[0]
+    processes = [start(APART + STEP, NUMBA_CACHE_DIR=str(tmp_path / "ten")) for _ in range(10)]
     results = [process.communicate() for process in processes]
     assert [err for _, err in results] == [""] * 10
     # A control step, and what seeds a lane, starts it and shows its first frame.
