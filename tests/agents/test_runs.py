@@ -274,6 +274,7 @@ class TestNames:
         assert contents(tmp_path / "runs" / "show") == before
         record = json.loads((tmp_path / "runs" / "show-2" / "run.json").read_text())
         assert record["settings"]["name"] == "show-2"
+        assert record["settings"]["time_budget"] == demo.LONGEST["PPO"]
 
     def test_interrupted_run_keeps_its_name_and_other_settings_get_another(self, tmp_path):
         Run("tiny", tmp_path).folder.mkdir()
