@@ -38,7 +38,7 @@ Learner: TypeAlias = Literal[
 FIXED = {"task": "tasks", "algorithm": "algorithms", "seed": "seeds", "name": "name"}
 """Settings of a training that its sweep makes, and of what."""
 
-LEARNERS = (EVOLUTION, GRADIENT, RECURRENT, VALUES, RESIDUAL, *get_args(Algorithm))
+LEARNERS: tuple[Learner, ...] = get_args(Learner)  # those of `Algorithm` last
 
 SEARCHES = {
     EVOLUTION: (EvolveSettings, evolve),

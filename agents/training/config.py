@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
@@ -280,7 +281,13 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
     SceneError
         If the first argument is neither a flag nor a task nor a settings file that can be read.
     """
-    arguments = sys.argv[1:]
+    with warnings.catch_warnings():
+        # Of a default's type, which pydantic has checked; tyro cannot look into this one.
+        warnings.filterwarnings("ignore", ".*'JsonValue'")
+        return _settings(kind, sys.argv[1:], description)
+
+
+def _settings(kind: type[Settings], arguments: list[str], description: str) -> Settings:
     default = kind()
     if arguments and arguments[0].endswith(".toml"):
         default = read_settings(arguments.pop(0), kind)

@@ -8,6 +8,7 @@ import pytest
 from agents.commands.results import ResultsSettings
 from agents.commands.tune import TuneSettings
 from agents.gradient.settings import GradientSettings
+from agents.sweeps.trials import SweepSettings
 from agents.training.config import (
     CONFIGS,
     TrainSettings,
@@ -170,6 +171,16 @@ def test_single_fields_of_the_scene_change_in_the_file_and_on_the_command_line(
     assert (scene.control.steps, scene.initial.sphere_offset) == (40, 0.0)
     with pytest.raises(SceneError, match=r"control\.stepz: unknown key; did you mean 'steps'\?"):
         TrainSettings(changes={"control.stepz": 40}).load_scene()
+
+
+def test_help_on_a_file_of_settings_warns_of_nothing(tmp_path, monkeypatch, capsys, recwarn):
+    file = tmp_path / "sweep.toml"
+    file.write_text("[settings.evolution]\nhidden = 8\n")
+    monkeypatch.setattr("sys.argv", ["sweep", str(file), "--help"])
+    with pytest.raises(SystemExit):
+        settings_from_command_line(SweepSettings, "")
+    assert '{"hidden": 8}' in "".join(capsys.readouterr().out.split("│"))
+    assert [str(one.message) for one in recwarn] == []
 
 
 def read_from(monkeypatch, kind, *words):
