@@ -1,7 +1,7 @@
 """The files and the printed tables of a comparison."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import nan
 from pathlib import Path
 
@@ -16,7 +16,9 @@ from agents.report.pages import not_scored_cells, percent, print_table, render, 
 from mm_gym import SceneError
 from mm_gym.files import write_text
 
-PRINTED = ("controller", "cost", "95 % interval", "score", "95 % interval")
+COST, SCORE = ("cost", "95 % interval"), ("score", "95 % interval")
+PAGE = ("worst episode", "worst tenth", "change", "95 % interval", "won")
+"""The last columns of the page."""
 PAIRED = ("controller", "change of cost", "95 % interval", "episodes won")
 OVERALL = ("controller", "interquartile mean", "95 % interval")
 
@@ -42,9 +44,11 @@ def report_comparison(comparison: Comparison, folder: Path | None = None) -> Non
 def print_comparison(comparison: Comparison) -> None:
     """Print the ranking of each task, then that over all tasks, or differences on a single one."""
     for result in comparison.results:
-        rows = [_printed_cells(row) for row in comparison.tables[result.task]]
+        table = comparison.tables[result.task]
+        header = ("controller", *COST, *(SCORE if _have_scores(table) else ()))
+        rows = [_printed_cells(row) for row in table]
         without = [(cell,) for cell in not_scored_cells(result.not_scored)]
-        print_table(result.task, PRINTED, [*rows, *without])
+        print_table(result.task, header, [*rows, *without])
     if comparison.overall:
         print_table("all tasks", OVERALL, [_overall_cells(one) for one in comparison.overall])
     if len(comparison.results) == 1 and len(comparison.results[0].labels) > 1:
@@ -55,15 +59,20 @@ def print_comparison(comparison: Comparison) -> None:
     Console().print(episodes_in_words(comparison), highlight=False)
 
 
+def _have_scores(rows: Sequence[Row]) -> bool:
+    """Tell whether the rows of a task have scores, as only tasks with committed costs do."""
+    return any(row.score is not None for row in rows)
+
+
 def _printed_cells(row: Row) -> tuple[str, ...]:
     label = row.label + (f", {row.trainings} seeds" if row.trainings > 1 else "")
     label += "" if row.reads == "observation" else f" ({row.reads})"
-    score = ("", "") if row.score is None else _two(row.score, 2)
+    score = () if row.score is None else _two(row.score, 2)
     return (label, *_two(row.cost, 3), *score)
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    score = ("", "") if row.score is None else _two(row.score)
+    score = () if row.score is None else _two(row.score)
     seeds = str(row.trainings) if row.trainings > 1 else ""
     return (
         row.label,
@@ -102,14 +111,18 @@ def _two(found: Estimate, digits: int = 4) -> tuple[str, str]:
 
 
 def episodes_in_words(comparison: Comparison) -> str:
-    """Return which episodes were run, and what cost and score are."""
+    """Return which episodes were run, what cost is, and what score is if there is any."""
     episodes = comparison.episodes
     last = episodes.first + episodes.seeds * episodes.each - 1
-    return (
+    told = (
         f"{episodes.seeds} x {episodes.each} episodes, of seeds {episodes.first} to {last}, the "
-        "same for all controllers; cost: root of the mean of -reward per step; score: 0 for the "
-        "best constant action, 1 for the clairvoyant optimum (best found)"
+        "same for all controllers; cost: root of the mean of -reward per step"
     )
+    if any(map(_have_scores, comparison.tables.values())):
+        told += (
+            "; score: 0 for the best constant action, 1 for the clairvoyant optimum (best found)"
+        )
+    return told
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> None:
@@ -248,13 +261,15 @@ def as_data(comparison: Comparison) -> dict[str, object]:
 
 def page(comparison: Comparison) -> str:
     """Return the tables in Markdown."""
-    tasks: list[tuple[str, str, list[tuple[str, ...]]]] = []
+    tasks: list[tuple[str, str, tuple[str, ...], list[tuple[str, ...]]]] = []
     for result in comparison.results:
-        rows = [_cells(row) for row in comparison.tables[result.task]]
-        blank = [""] * (len(rows[0]) - 1)
+        table = comparison.tables[result.task]
+        score = SCORE if _have_scores(table) else ()
+        header = ("controller", "reads", "seeds", *COST, *score, *PAGE)
+        blank = [""] * (len(header) - 1)
         texts = [cell.replace("|", r"\|") for cell in not_scored_cells(result.not_scored)]
-        cells = [*rows, *((text, *blank) for text in texts)]
-        tasks.append((result.task, against(result), cells))
+        cells = [*map(_cells, table), *((text, *blank) for text in texts)]
+        tasks.append((result.task, against(result), header, cells))
     names = [one.label for one in comparison.overall]
     better = [
         [one.label, *(f"{one.improvement[n]:.2f}" if n in one.improvement else "" for n in names)]

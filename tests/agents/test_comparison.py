@@ -22,7 +22,7 @@ from agents.evaluation.conclusions import CHOSEN, best_known, conclude, scores_o
 from agents.evaluation.contestants import Contestant, Episodes, Field, law_of, read_field
 from agents.evaluation.measure import TaskResult, measure
 from agents.policies import Policy, PolicyError, network
-from agents.report.comparison import as_data, page, write_comparison
+from agents.report.comparison import as_data, page, print_comparison, write_comparison
 from agents.report.comparison_figures import _file_name, draw_aggregates, draw_intervals
 from agents.scoring import HELD_OUT_SEED, evaluate
 from agents.training.runs import RunError
@@ -87,7 +87,7 @@ def test_score_is_zero_for_the_best_constant_and_one_for_the_best_known() -> Non
     assert good.score.value == pytest.approx((0.2 - 0.1) / (0.2 - ratio * 0.2), rel=1e-12)
 
 
-def test_a_scene_without_committed_scores_has_none(tmp_path) -> None:
+def test_a_scene_without_committed_scores_has_none(tmp_path, capsys) -> None:
     assert best_known(FORCE, CARRIAGE_FORCE.replace(**{"control.steps": 7})) is None
     assert best_known("mine.toml", CARRIAGE_FORCE) is None
     changed = {FORCE: CARRIAGE_FORCE.replace(**{"control.steps": 7})}
@@ -96,6 +96,13 @@ def test_a_scene_without_committed_scores_has_none(tmp_path) -> None:
     write_comparison(found, tmp_path)
     with (tmp_path / "comparison.csv").open(newline="") as lines:
         assert {row["score [-]"] for row in csv.DictReader(lines)} == {"nan"}
+    print_comparison(found)
+    for text in (page(found), capsys.readouterr().out):
+        assert "95 % interval" in text
+        assert "score" not in text
+    print_comparison(CONCLUDED)
+    for text in (page(CONCLUDED), capsys.readouterr().out):
+        assert "score: 0 for the best constant" in " ".join(text.split())
 
 
 def test_only_controllers_of_all_tasks_are_aggregated() -> None:
