@@ -56,25 +56,26 @@ FINER, WATCHED = 40, 1024
 
 INTRODUCTION = f"""## Devices
 
-{LANES:,} lanes, one core, {STEPS} control steps of {1e3 * TIME_STEP:g} ms under random actions:
-`step` with views, in processor time, at the fastest of {ROUNDS * REPEATS} rounds in which a scene
-with a device and one of its class took turns. The class has no device, but as many actuators and as
-many numbers that vary from lane to lane: a force and a drawn damping in place of an actuated
-damping. Million steps/s.
+Each device is compared with a scene of its class. That scene has no device, but as many actuators
+and as many numbers that differ between lanes: for an actuated damping, for example, a force and a
+drawn damping. {LANES:,} lanes on one core make {STEPS} control steps of {1e3 * TIME_STEP:g} ms
+under random actions, by `step` with views. The table lists million steps/s of processor time, each
+the fastest of {ROUNDS * REPEATS} rounds in which the two scenes took turns.
 """
 SECOND = """With dry friction, a force between the masses changes the slip velocity more than the
 same force on the carriage. More lanes then change their regime in a control step, and these take
-longer. The table has the fraction of such lanes, and compares times at equal fractions: the class's
-is interpolated.
+longer. The table has the fraction of such lanes and million steps/s for a force against the ground
+and for one between the masses. The last column is the ratio of times at equal fractions, for which
+the time under a force against the ground is interpolated.
 """
 
 
 def devices() -> str:
     """Return the section on the devices."""
-    header = ("device", "tolerance", "with it", "its class", "time over the class's")
+    header = ("device", "tolerance", "with device", "its class", "ratio of times")
     second = (
-        *("force [N]", "lanes, ground", "speed", "lanes, masses", "speed"),
-        *("time over ground's", "at equal lanes"),
+        *("force [N]", "ground: fraction", "million steps/s"),
+        *("masses: fraction", "million steps/s", "ratio of times", "at equal fractions"),
     )
     first = table(header, [_row(*key) for key in product(PAIRS, TOLERANCES)])
     return f"{INTRODUCTION}\n{first}\n\n{SECOND}\n{table(second, _friction())}\n"

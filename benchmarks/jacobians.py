@@ -30,7 +30,7 @@ PARAMETERS = ("carriage.mass", "carriage.stiffness", "carriage.damping", "sphere
 INTRODUCTION = """The environment's step is `MovingMassVectorEnv.step`, with reward, observation and
 ends. It is compared with the motion and its Jacobians alone, without reward, observation and ends.
 For a linear plant, whose Jacobians are the same in every step, this can take less time than the
-step. The preparations before the first step are included, shared among {steps} steps. The ratios
+step. The times include the preparations before the first step, divided by {steps} steps. The ratios
 are to the environment's step.
 """
 
@@ -44,8 +44,8 @@ HAND_WRITTEN = {
 COMPARISON = """A derivative is computed by tangents (forward mode) unless a kernel by hand is 1.5
 times as fast. With friction or springs of finite stretch the motion is a Taylor series of numbers
 with tangents. These serve all plants. Where a hand-written kernel exists too, both were measured in
-turns. The difference is that between the derivatives of the first step, relative to the largest of
-each column.
+turns. The last column is the largest difference between the derivatives of the first step by both,
+relative to the largest of each column.
 """
 
 

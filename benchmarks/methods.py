@@ -31,7 +31,8 @@ or a hundred times more exact at the same speed. {LANES:,} lanes on one core mak
 steps under random actions by `step` with views. Each step counts with its fastest processor time of
 {ROUNDS} rounds, in which the methods took turns. The table lists million steps/s. In brackets is
 the largest error of all lanes after the last step, relative to the largest position or velocity,
-against `taylor` at 1e-15. A method without a tolerance has the same numbers in each row. The
+against `taylor` at 1e-15. A scene is named by its carriage, its interface and its springs, as in
+the section on every combination. A method without a tolerance has the same numbers in each row. The
 fastest method is set in bold; `auto` is the method that the scene uses by default.
 """
 

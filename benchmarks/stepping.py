@@ -39,11 +39,16 @@ and can exceed 2. Each step of an episode therefore counts with its fastest time
 in which the candidates took turns. ± is half the difference between the results of the even and the
 odd rounds. One thread with half of the lanes can take less than half of the time, because less
 memory competes for the cache of its processor. The third column is therefore the most that two
-threads can reach.
+threads can reach. The last column shows what two threads reach on this machine with arithmetic that
+shares no memory.
 """
 EPISODES = f"""{PROCESSOR.strip()} Episodes have at most {LONGEST} control steps under random
 actions, and their resets are included. The tasks have their own settings; CarriageForceDuffing, for
 example, has a tolerance of 1e-9. The section on speed over accuracy, below, has other tolerances.
+
+"Views" means that `step` returns views of its own arrays, which the next step overwrites; "copies"
+means new arrays. The bare product is a reference for the least work: a matrix of 4 x 5 times the
+state and the force of every lane.
 """
 ENVPOOL = """envpool runs in its synchronous mode with one thread. A step of its FrozenLake, which
 only looks into a table, takes about as long as a step of its CartPole.
@@ -66,7 +71,7 @@ PERIOD = 33
 ENDING = ("CarriageForce-v0", "PreStretch-v0")
 AUTORESET = {"NextStep": "next step", "SameStep": "same step"}
 ENDS = """The next table compares steps in which no episode ends with steps in which 3 % of the
-lanes end an episode and begin another one. The lanes that do so are different ones in each step.
+lanes end an episode and begin another one. These lanes are different in each step.
 """
 
 BARE = "bare 4 x 5 product over the lanes"

@@ -154,9 +154,9 @@ def _energy(known: Sequence[OnTask]) -> list[list[str]]:
 
 
 def _slopes(known: Sequence[OnTask]) -> list[list[str]]:
-    labels = "LQR", "agent, at rest", "agent, half the scale"
+    labels = "LQR", "agent, near equilibrium", "agent, over half of the scale"
     return [
-        [one.name, label, *(f"{value:.2f}" for value in own)]
+        [one.name, label, *(f"{round(value, 2) + 0.0:.2f}" for value in own)]
         for one in known
         for label, own in zip(labels, one.slopes, strict=True)  # pyright: ignore[reportArgumentType]
     ]

@@ -21,7 +21,7 @@ NO_RESULT = {
     "fewer than seeds": "precedes a list from data",
     "Costs above twice that cost are left out": "says what a figure leaves out",
     "from -0.01 to 0.01": "says between which points a slope is taken",
-    "agent, half the scale": "the same, in a cell",
+    "agent, over half of the scale": "the same, in a cell",
     "no better than the best constant": "a sentence that costs choose",
     "costs less than": "the same",
     'gymnasium.make("mm_gym/PreStretch-v0")': "a program",
@@ -30,7 +30,7 @@ NO_RESULT = {
     "0.4": "a grey",
     "made for another scene than": "an error",
     "cost less than its own": "says what a cell is",
-    "is left out They are of the trainings": "says what the page leaves out",
+    "They come from the trainings of": "says what the page leaves out",
     "evaluate docs/policies/PreStretch": "a command",
 }
 """Part of a sentence -> why it is no result."""
