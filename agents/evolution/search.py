@@ -45,7 +45,7 @@ class EvolveSettings(SearchSettings):
     episodes: Count = 32
     """episodes of each network, the same for a whole generation, new ones for the next"""
     generations: Count = 200
-    """generations of the whole run"""
+    """generations of the whole run; for your own scene as many as a time budget allows"""
     worst: Annotated[float, Field(gt=0, le=1)] = 1.0
     """share of the episodes, those that cost most, whose mean is minimised and validated (CVaR); 1
     is the mean of all"""
@@ -200,11 +200,6 @@ class Evolution(Search):
             CMA_diagonal=settings.separable,
         )
         self.costs: Array = np.empty((self.total, settings.candidates))
-
-    @property
-    def total(self) -> int:
-        """Number of generations."""
-        return self.settings.generations
 
     def _restore(self, arrays: Arrays) -> None:
         """Repeat the search, with the costs of the checkpoint."""

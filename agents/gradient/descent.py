@@ -6,6 +6,8 @@ policy that is validated is the mean over the last iterations, weighted exponent
 Juditsky, SIAM J. Control Optim. 30, 1992).
 """
 
+from contextlib import suppress
+
 import numpy as np
 
 from agents.gradient.episodes import MOST, Episodes
@@ -25,6 +27,7 @@ from agents.gradient.settings import (
     GradientSettings,
     fitted,
     schedule,
+    trusted,
 )
 from agents.network.layers import UNIT
 from agents.policies import Policy
@@ -35,7 +38,7 @@ from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.search import Search
 from agents.training.starts import IN_WORDS, Start, start_of
-from mm_gym import Scene
+from mm_gym import ActionError, Scene
 from mm_gym.arrays import Single
 
 BIASES = ("bias", "last")
@@ -70,6 +73,9 @@ class Descent(Search):
         Of the steps of each parameter, over the rate.
     size
         Length of the last gradient.
+    trust
+        Part of the rate and the horizon that is used: a half after each gradient that is not
+        finite, and again more with each that is.
     """
 
     unit = "iteration"
@@ -97,34 +103,39 @@ class Descent(Search):
         zeros = {name: np.zeros_like(array) for name, array in self.mean.items()}
         self.slopes, self.squares = zeros, {name: array.copy() for name, array in zeros.items()}
         self.frames = count * scene.control.steps
-        self.size = 0.0
-
-    @property
-    def total(self) -> int:
-        """Number of iterations."""
-        return self.settings.iterations
+        self.size, self.trust = 0.0, 1.0
 
     def _advance(self) -> None:
-        settings, count = self.fitted, self.fitted.episodes
+        settings, count, size = self.fitted, self.fitted.episodes, np.inf
         fade, rate = schedule(settings, self.done)
-        self.episodes.run(self.network, training_seeds(settings.seed, count, self.rounds * count))
-        self.episodes.back(
-            self.network, fade, settings.feedback, inwards=settings.scene is not None
-        )
-        self._follow(rate)
+        seeds = training_seeds(settings.seed, count, self.rounds * count)
+        with suppress(ActionError), np.errstate(over="ignore", invalid="ignore"):
+            self.episodes.run(self.network, seeds)
+            self.episodes.back(
+                self.network,
+                fade ** (1.0 / self.trust),
+                settings.feedback,
+                inwards=settings.scene is not None,
+            )
+            size = self._follow(rate * self.trust)
+        self.size, self.trust = size, trusted(self.trust, size)
+        if not np.isfinite(size):
+            for name, value in self.mean.items():
+                self.network.parameters[name][:] = value
 
-    def _follow(self, rate: float) -> None:
-        """Make a step of Adam along the gradient, of which only the direction counts."""
+    def _follow(self, rate: float) -> float:
+        """Make a step of Adam along the gradient, of which only the direction counts.
+
+        Return its length, with which nothing changes unless it is finite.
+        """
         sizes, count = self.sizes, self.rounds + 1
         gradient = {name: sizes[name] * slope for name, slope in self.network.gradient.items()}
         if self.odd:
             for name in BIASES:
                 gradient[name][:] = 0.0
-        with np.errstate(over="ignore"):  # slopes without bound are not followed
-            size = np.sqrt(sum(float(np.sum(np.square(slope))) for slope in gradient.values()))
-        self.size = float(size)
-        if not (0.0 < size < np.inf):
-            return
+        size = float(np.sqrt(sum(float(np.sum(np.square(slope))) for slope in gradient.values())))
+        if not 0.0 < size < np.inf:
+            return size
         own = self.network.parameters
         for name in own:
             slope = gradient[name] / size
@@ -136,6 +147,7 @@ class Descent(Search):
             hold_stable(own["keep"], self.longest)
         for name, value in own.items():
             self.mean[name] += max(AVERAGED, 1.0 / count) * (value - self.mean[name])
+        return size
 
     def _told(self) -> dict[str, float]:
         """Return the length of the gradient."""
@@ -158,12 +170,13 @@ class Descent(Search):
 
     def _state(self) -> Arrays:
         rounds: Arrays = {"gradient/rounds": np.asarray(self.rounds)}
+        rounds["gradient/trust"] = np.asarray(self.trust)
         for part, own in self._parts.items():
             rounds |= {f"{part}/{name}": array.copy() for name, array in own.items()}
         return rounds
 
     def _restore(self, arrays: Arrays) -> None:
-        self.rounds = int(arrays["gradient/rounds"])
+        self.rounds, self.trust = int(arrays["gradient/rounds"]), float(arrays["gradient/trust"])
         for part, own in self._parts.items():
             for name, array in part_of(arrays, part).items():
                 own[name][:] = array

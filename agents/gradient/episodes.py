@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from agents.control.observed_state import ROWS
 from agents.controllers.lqr import state_weight
 from agents.gradient.network import Network
-from mm_gym import DesignError, MovingMassVectorEnv, Scene
+from mm_gym import ActionError, DesignError, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array, Single
 from mm_gym.differences import Outputs
 from mm_gym.sensitivity import Sensitivities
@@ -76,13 +76,19 @@ class Episodes:
         return observation
 
     def run(self, network: Network, seeds: Sequence[int]) -> float:
-        """Return the mean of -reward of the episodes of the seeds, as `evaluate` has."""
+        """Return the mean of -reward of the episodes of the seeds, as `evaluate` has.
+
+        Raise `ActionError` if the network asks for no number.
+        """
         observation = self._begin(seeds)
         self.jacobians, self.newest, total = [], [], 0.0
         self.slopes: list[Array] = []
         for step in range(self.steps):
             self.newest.append(step - self._ages(step))
             asked = network.act(step, observation.T)
+            if np.isnan(asked).any():
+                msg = "action: got nan; allowed: finite numbers"
+                raise ActionError(msg)
             actions = self.actions[step] = np.clip(asked, -1.0, 1.0)
             found = self.physics.jacobian(actions)
             self.jacobians.append((found.state, found.action))

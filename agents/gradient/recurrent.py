@@ -4,6 +4,7 @@ Any network of `agents.network` could be trained so. The small network has a way
 `agents.gradient.network`: an iteration takes a quarter to a third of the time.
 """
 
+from contextlib import suppress
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from agents.gradient.episodes import MOST
 from agents.gradient.network import with_oscillators
-from agents.gradient.settings import AVERAGED, FIRST, SECOND, GradientSettings, schedule
+from agents.gradient.settings import AVERAGED, FIRST, SECOND, GradientSettings, schedule, trusted
 from agents.network.layers import (
     GRU,
     UNIT,
@@ -31,7 +32,7 @@ from agents.training.arrays import Arrays, part_of
 from agents.training.config import training_seeds
 from agents.training.search import Search
 from agents.training.starts import IN_WORDS, Start, start_of
-from mm_gym import Scene
+from mm_gym import ActionError, Scene
 from mm_gym.arrays import Array, Single
 from mm_gym.torch import Episodes
 
@@ -111,6 +112,8 @@ class RecurrentDescent(Search):
         With the parameters as they are.
     mean
         Of the parameters over the last iterations: what is validated.
+    trust
+        Part of the rate and the horizon that is used, as of `Descent`.
     """
 
     unit: ClassVar[str] = "iteration"
@@ -130,21 +133,25 @@ class RecurrentDescent(Search):
         for one in self.module.trained.values():
             zeros = {name: torch.zeros_like(one) for name in MOMENTS}
             self.optimiser.state[one] = {"step": torch.tensor(0.0), **zeros}
-        self.frames = settings.episodes * scene.control.steps
-
-    @property
-    def total(self) -> int:
-        """Number of iterations."""
-        return self.settings.iterations
+        self.frames, self.trust = settings.episodes * scene.control.steps, 1.0
 
     def _advance(self) -> None:
         settings, count, trained = self.settings, self.settings.episodes, self.module.trained
         fade, rate = schedule(settings, self.done)
-        self.episodes.fade, self.optimiser.param_groups[0]["lr"] = fade, rate
+        fade **= 1.0 / self.trust
+        self.optimiser.param_groups[0]["lr"] = rate * self.trust
         self.optimiser.zero_grad()
-        self._cost_of(training_seeds(settings.seed, count, self.rounds * count), fade).backward()
-        size = torch.sqrt(sum((one.grad**2).sum() for one in trained.values()))  # pyright: ignore[reportArgumentType, reportOptionalOperand] - as `backward` leaves them
-        if not 0.0 < float(size) < np.inf:
+        size = np.inf
+        with suppress(ActionError):
+            seeds = training_seeds(settings.seed, count, self.rounds * count)
+            self._cost_of(seeds, fade).backward()
+            size = float(torch.sqrt(sum((one.grad**2).sum() for one in trained.values())))  # pyright: ignore[reportArgumentType, reportOptionalOperand] - as `backward` leaves them
+        self.trust = trusted(self.trust, size)
+        if not np.isfinite(size):
+            with torch.no_grad():
+                for name, one in trained.items():
+                    one.copy_(self.mean[name])
+        if not 0.0 < size < np.inf:
             return
         for one in trained.values():
             one.grad /= size  # of the gradient only the direction counts
@@ -153,12 +160,20 @@ class RecurrentDescent(Search):
             self.mean[name].lerp_(one.detach(), max(AVERAGED, 1.0 / (self.rounds + 1)))
 
     def _cost_of(self, seeds: range, fade: float) -> Tensor:
-        """Return the mean cost of a step; what is remembered fades as the motion does."""
+        """Return the mean cost of a step; what is remembered fades as the motion does.
+
+        The last action does not, as the slopes of the motion over the action do not.
+        """
+        self.episodes.fade = fade
         observation = self.episodes.reset(seed=seeds)
         memory, total = self.module.begin(len(observation)), torch.zeros((), dtype=torch.float64)
+        fading = torch.full((self.module.start.remembers,), fade)
+        if (observer := self.module.start.find(Observer)) is not None:
+            states, actions = observer.back.shape
+            fading[states : states + actions] = 1.0
         for _ in range(self.episodes.steps):
             action, memory = self.module(observation, memory)
-            memory = fade * memory + (1.0 - fade) * memory.detach()
+            memory = fading * memory + (1.0 - fading) * memory.detach()
             observation, costs = self.episodes.step(action)
             total = total + costs.mean()
         return total / self.episodes.steps
@@ -178,12 +193,13 @@ class RecurrentDescent(Search):
 
     def _state(self) -> Arrays:
         rounds: Arrays = {"gradient/rounds": np.asarray(self.rounds)}
+        rounds["gradient/trust"] = np.asarray(self.trust)
         for part, own in self._parts.items():
             rounds |= {f"{part}/{name}": one.detach().numpy().copy() for name, one in own.items()}
         return rounds
 
     def _restore(self, arrays: Arrays) -> None:
-        self.rounds = int(arrays["gradient/rounds"])
+        self.rounds, self.trust = int(arrays["gradient/rounds"]), float(arrays["gradient/trust"])
         with torch.no_grad():
             for part, own in self._parts.items():
                 for name, array in part_of(arrays, part).items():

@@ -44,7 +44,7 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
 
     unit: str
     done: int
-    total: int
+    total: int | None
     time_budget: float | None
     cost: float | None
     began_as: str
@@ -130,9 +130,9 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
         return told
 
 
-def told_part(done: int, total: int, unit: str) -> str:
-    """Return the words for how much of a run is done."""
-    return f"after {done:,} of {total:,} {unit}s"
+def told_part(done: int, total: int | None, unit: str) -> str:
+    """Return the words for how much of a run is done; without a total, time alone ends it."""
+    return f"after {done:,} {unit}s" if total is None else f"after {done:,} of {total:,} {unit}s"
 
 
 def _told(cost: float | None) -> str:

@@ -25,10 +25,13 @@ from agents.training.logs import VALIDATION, Log
 from agents.training.progress import Progress
 from agents.training.runs import Run
 from agents.training.starts import without_control
-from mm_gym import Scene
+from mm_gym import ActionError, Scene
 
 BETWEEN_SAVES = 5.0
 """Time between checkpoints [s]."""
+
+UNCOUNTED = 100_000
+"""Rounds that no time budget reaches."""
 
 
 class Search(ABC):
@@ -48,6 +51,9 @@ class Search(ABC):
         What it begins as, in words.
     worst
         Share of the validation episodes, those that cost most, whose mean is the cost.
+    total
+        Number of rounds of the whole search. On your own scene a time budget alone ends it, unless
+        a number is asked for.
     """
 
     unit: ClassVar[str]
@@ -58,11 +64,11 @@ class Search(ABC):
     def __init__(self, settings: TimedSettings, scene: Scene) -> None:
         self.settings, self.scene = settings, scene
         self.rounds, self.progress = 0, Progress()
-
-    @property
-    @abstractmethod
-    def total(self) -> int:
-        """Number of rounds of the whole search."""
+        size = settings.growing[0]
+        self.total: int = getattr(settings, size)
+        is_own = settings.scene is not None and settings.time_budget is not None
+        if is_own and self.total == type(settings).model_fields[size].default:
+            self.total = UNCOUNTED
 
     @abstractmethod
     def _advance(self) -> None:
@@ -135,7 +141,8 @@ class Search(ABC):
         began = time.perf_counter() - progress.seconds
         saved, done = progress.seconds, self.rounds >= total
         budget = math.inf if self.settings.time_budget is None else self.settings.time_budget
-        shown = tqdm(total=total, initial=self.rounds, unit=self.unit, disable=not bar)
+        counted = None if total == UNCOUNTED else total
+        shown = tqdm(total=counted, initial=self.rounds, unit=self.unit, disable=not bar)
         with shown, Log(run.folder) as log:
             if not len(progress.rows):
                 self._validate(log)
@@ -148,7 +155,7 @@ class Search(ABC):
                     progress.seconds = time.perf_counter() - began
                     done = progress.seconds >= budget or self.rounds == total
                     log.add(self.rounds * self.frames, self._told())
-                    if done or self.rounds % every == 0:
+                    if done or self._is_due(every):
                         self._validate(log)
                         shown.set_postfix(cost=f"{progress.least_cost:.4f}")
                     self._note()
@@ -157,7 +164,7 @@ class Search(ABC):
                         saved = progress.seconds
             except KeyboardInterrupt:
                 self._save(run)
-                raise KeyboardInterrupt(told_part(self.rounds, total, self.unit)) from None
+                raise KeyboardInterrupt(told_part(self.rounds, counted, self.unit)) from None
         progress.write_metrics(run)  # a process may have been killed before it did
         policy = self.policy()
         ending = Ending.of(
@@ -166,7 +173,7 @@ class Search(ABC):
             self.worst,
             unit=self.unit,
             done=self.rounds,
-            total=total,
+            total=counted,
             time_budget=self.settings.time_budget if self.rounds < total else None,
             began_as=self.began_as,
         )
@@ -182,6 +189,12 @@ class Search(ABC):
         ending.write(run)
         policy.save(run.policy)
 
+    def _is_due(self, every: int) -> bool:
+        """Tell whether a validation is due: each so many rounds, or each part of the time."""
+        if self.settings.time_budget is None:
+            return self.rounds % every == 0
+        return self.done * self.settings.evaluations >= len(self.progress.rows)
+
     def _validate(self, log: Log) -> None:
         present, steps = self._present(), self.rounds * self.frames
         cost = self._cost(present)
@@ -193,7 +206,10 @@ class Search(ABC):
 
     def _cost(self, parameters: Arrays) -> float:
         """Return the cost of parameters on the episodes of all validations."""
-        return validation_cost(self.scene, Learned(self._policy(parameters)), self.worst)
+        try:
+            return validation_cost(self.scene, Learned(self._policy(parameters)), self.worst)
+        except ActionError:  # of a memory that grows without bound
+            return math.inf
 
     def _note(self) -> None:
         """Note where an interrupted search begins again: between two rounds."""

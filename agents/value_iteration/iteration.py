@@ -259,17 +259,13 @@ class ValueIteration(Search):
     def __init__(self, settings: IterateSettings, scene: Scene) -> None:
         super().__init__(settings, scene)
         self.settings: IterateSettings = settings
+        self.total = settings.sweeps  # it converges, however much time there is
         self.problem = problem_of(scene, settings.stretches, settings.sizes)
         n = settings.points
         shape = (settings.stretches, 4, n, n, n, len(self.problem.squares))
         self.values, self.expected = np.zeros((2, *shape), np.float32)
         self.mean, self.residual = 0.0, np.inf
         self.frames = self.values.size
-
-    @property
-    def total(self) -> int:
-        """Number of sweeps."""
-        return self.settings.sweeps
 
     def _advance(self) -> None:
         fresh = self.rounds % BETWEEN == BETWEEN - 1

@@ -8,20 +8,27 @@ import pytest
 
 from agents.controllers.learned import Learned
 from agents.gradient import episodes, network
-from agents.gradient.descent import descend
+from agents.gradient.descent import Descent, descend
 from agents.gradient.episodes import Episodes
-from agents.gradient.network import Network, parameters_of, policy_of, with_oscillators
+from agents.gradient.network import (
+    Network,
+    _roles,
+    parameters_of,
+    policy_of,
+    with_oscillators,
+)
 from agents.gradient.recurrent import SMALL, RecurrentDescent, with_cell
 from agents.gradient.settings import GradientSettings
 from agents.network.c_source import c_source
 from agents.network.layers import GRU, Correlation
+from agents.network.module import Module
 from agents.policies import load_policy
 from agents.scoring import evaluate
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
 from agents.training.network import Network as Evolved
 from agents.training.runs import Run, RunError
 from agents.training.starts import start_of
-from mm_gym import DesignError, OwnReward, load_scene, rewarded
+from mm_gym import ActionError, DesignError, OwnReward, load_scene, rewarded
 
 TINY = GradientSettings(
     task="mm_gym/Hybrid-v0",
@@ -258,6 +265,43 @@ class TestGradients:
         most = 2.0 * 10.0  # the median is 2
         np.testing.assert_allclose(factors, [1.0, 1.0, most / 1e30, 1.0, 1.0])
 
+    def test_torch_fades_what_is_remembered_as_the_own_way_back_does(self, monkeypatch):
+        monkeypatch.setattr(network, "REAL", np.float64)
+        settings = TINY.model_copy(
+            update={
+                "task": "mm_gym/CarriageForce-v0",
+                "changes": {
+                    "control.steps": STEPS,
+                    "actuation.force.limit": 40.0,
+                    "sensors.channels": ["carriage_displacement"],
+                    "sensors.noise": {"carriage_displacement": 0.01},
+                },
+                "law": "lqg",  # which has to remember, and what it did
+                "episodes": LANES,
+                "extra": 0,
+                "cell": 1,
+            }
+        )
+        search = RecurrentDescent(settings, scene := settings.load_scene())
+        start = start_of(scene, settings, np.random.default_rng(0))
+        evolved = Evolved(start, 4, odd=False)
+        policy = evolved.policy(evolved.first(np.random.default_rng(0)))
+        policy = policy_of(parameters_of(policy) | {"output": np.full((1, 4), 0.1)}, policy)
+        search.module, search.episodes.most = Module(policy), np.inf
+        own, net = Episodes(scene, LANES, most=1e30), Network(policy, STEPS, LANES)
+        assert net.acting
+        for fade in (1.0, 0.5):
+            search.module.zero_grad()
+            search._cost_of(range(LANES), fade).backward()
+            own.run(net, range(LANES))
+            assert net.free.all()
+            own.back(net, fade)
+            found = {name: one.grad.numpy() for name, one in search.module.trained.items()}
+            for role, slope in net.gradient.items():
+                torchs = found[_roles(policy)[role]].reshape(slope.shape)
+                # torch's passes are in single precision.
+                np.testing.assert_allclose(torchs, slope, rtol=0.0, atol=1e-4 * abs(slope).max())
+
     def test_scene_without_gradients_is_refused(self):
         scene = load_scene("mm_gym/PreStretchShock-v0")
         with pytest.raises(DesignError, match="do not end early"):
@@ -287,6 +331,47 @@ class TestRuns:
         # The clipped LQR of docs/tasks.md has 0.860 on the held-out episodes, this some 0.78.
         cost = evaluate(settings.load_scene(), Learned(load_policy(run.policy)), episodes=100).cost
         assert cost < 0.82
+
+    @pytest.mark.parametrize("cell", [0, 2])
+    def test_gradient_that_is_not_finite_is_answered_by_smaller_steps(self, cell, monkeypatch):
+        settings = TINY.model_copy(update={"cell": cell})
+        search = (RecurrentDescent if cell else Descent)(settings, settings.load_scene())
+
+        def present():
+            if not cell:
+                return {name: one.copy() for name, one in search.network.parameters.items()}
+            return {
+                name: one.detach().numpy().copy() for name, one in search.module.trained.items()
+            }
+
+        def advanced():
+            before = search._present()
+            search._advance()
+            search.rounds += 1
+            return before
+
+        def rate():
+            advanced()
+            before = present()
+            advanced()
+            return max(abs(one - before[name]).max() for name, one in present().items())
+
+        fast = rate()
+        broken = search.episodes.step if cell else search.episodes.run
+
+        def refuse(*_):
+            msg = "action: got nan; allowed: finite numbers"
+            raise ActionError(msg)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(search.episodes, broken.__name__, refuse)
+            for _ in range(3):
+                mean = advanced()
+        assert search.trust == 0.5**3
+        for name, one in present().items():
+            np.testing.assert_array_equal(one, mean[name])
+        # Adam's steps are of the size of the rate, which is an eighth of what it was.
+        assert 0.0 < rate() < 0.3 * fast
 
     def test_run_interrupted_in_any_iteration_ends_as_if_unbroken(
         self, unbroken, tmp_path, monkeypatch

@@ -12,7 +12,7 @@ from agents.controllers.constant import uncontrolled
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import LQG, design_lqg
 from agents.controllers.registry import laws
-from agents.evolution.search import EvolveSettings, evolve
+from agents.evolution.search import Evolution, EvolveSettings, evolve
 from agents.gradient.descent import Descent
 from agents.gradient.settings import GradientSettings, fitted
 from agents.policies import load_policy
@@ -206,6 +206,39 @@ def test_settings_of_a_descent_follow_from_the_scene_unless_asked_for():
     assert found.horizon == pytest.approx(20.0 * 200.0, rel=0.01)
     asked = GradientSettings.of({**given, "episodes": 7, "horizon": 50.0})
     assert (fitted(asked, scene).episodes, fitted(asked, scene).horizon) == (7, 50.0)
+
+
+@pytest.mark.parametrize("kind", [GradientSettings, EvolveSettings])
+def test_time_budget_alone_ends_a_search_on_a_scene_of_ones_own(
+    kind: type[GradientSettings | EvolveSettings],
+):
+    search = Descent if kind is GradientSettings else Evolution
+    size = kind.growing[0]
+    small = {"episodes": 2, "hidden": 2, "law": "none", "evaluations": 4}
+    own = {"scene": str(FOLDER / "frame.toml"), **small}
+    default = kind.model_fields[size].default
+
+    def total(**asked: object) -> int:
+        settings = kind.of(asked)
+        return search(settings, settings.rewarded_scene()).total
+
+    assert total(**own) == total(**small, time_budget=9.0) == default
+    assert total(**own, time_budget=9.0) > 100 * default
+    assert total(**own, time_budget=9.0, **{size: 7}) == 7
+
+
+def test_searches_of_a_time_budget_are_validated_at_equal_times():
+    given = {"scene": str(FOLDER / "frame.toml"), "law": "none", "hidden": 2, "episodes": 2}
+    settings = GradientSettings.of(given | {"time_budget": 12.0, "evaluations": 4})
+    found = Descent(settings, settings.rewarded_scene())
+    due: list[float] = []
+    found.progress.add(0, 1.0)
+    for found.rounds in range(1, 13):  # of a second each
+        found.progress.seconds = float(found.rounds)
+        if found._is_due(1):
+            found.progress.add(found.rounds, 1.0)
+            due.append(found.progress.seconds)
+    assert due == [3.0, 6.0, 9.0, 12.0]
 
 
 def test_shocks_are_followed_where_only_a_force_acts():
