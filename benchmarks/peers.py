@@ -188,7 +188,7 @@ def mm_gym(motion: Motion, tolerance: float, count: int = 1) -> Run:
     lanes = Lanes(plant, 1)
     lanes.restart()
     values, start = lanes.values, lanes.values[:, 0].copy()
-    propagate = plant.method.entries.propagate
+    propagate = plant.entries.propagate
 
     def run() -> State:
         values[:4, 0] = start[:4]

@@ -1,7 +1,8 @@
 """The contract of an interface: the force between sphere and carriage apart from the springs'.
 
 An interface is one constant, which kernels take as an argument and are compiled for: no call and
-no choice is left of it. Its force, rate and energy are kernels over every kind of number.
+no choice is left of it. Its force, rate and energy are kernels over every kind of number. A law of
+motion is such a constant too.
 """
 
 # ruff: noqa: ARG001, ARG005 - numba gives overloads types, and wants plain functions
@@ -10,8 +11,8 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, fields
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,12 @@ def zero(p, offset, slip, own):
 @inlined_kernel
 def _no_rates(p, offset, slip, own):
     return alike(slip, 0.0), alike(slip, 0.0)
+
+
+@inlined_kernel
+def always(p, before, after, way):
+    """Tell that a step sees all of a force, for each lane."""
+    return before == before  # noqa: PLR0124 - of its kind
 
 
 MOST_STATES = 2
@@ -95,7 +102,7 @@ class Interface:
     rates: Callable[..., Any] = _no_rates
     energy: Callable[..., Any] = zero
     springs: Callable[..., Any] = zero
-    resolves: Callable[..., Any] | None = None
+    resolves: Callable[..., Any] = always
     is_bent: bool = False
     damping: Bound = _none
     stiffness: Bound = _none
@@ -117,8 +124,41 @@ class Interface:
         return f"{function.__module__}.{self.kind}.{text[:16]}"
 
 
+@dataclass(frozen=True, eq=False)
+class Law(Interface):
+    """An interface and what else acts, where kernels are compiled for that too.
+
+    A choice at run time would keep the numbers of all branches in registers, of which there are
+    few.
+
+    Attributes
+    ----------
+    has_friction
+        Whether there is dry friction.
+    is_finite
+        Whether the sphere's springs are of finite stretch.
+    is_excited
+        Whether a force or the ground changes within a sample interval.
+    """
+
+    has_friction: bool = False
+    is_finite: bool = False
+    is_excited: bool = False
+
+    def __repr__(self) -> str:
+        """Return what tells it from others."""
+        return f"{self._name}.{self.has_friction:d}{self.is_finite:d}{self.is_excited:d}"
+
+
+@cache
+def law_of(interface: Interface, *, has_friction: bool, is_finite: bool, is_excited: bool) -> Law:
+    """Return the law of motion with an interface."""
+    own = [getattr(interface, field.name) for field in fields(interface)]
+    return Law(*own, has_friction, is_finite, is_excited)
+
+
 class _Constant(types.Type):
-    """The type of one interface."""
+    """The type of one interface or law."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -142,15 +182,15 @@ def _constant(context, _builder, _kind, _interface):
 
 
 def _kernel_of(answer: Callable[[Interface], Callable[..., Any]]) -> Callable[..., Any]:
-    """Return a function (interface, p, offset, slip, own) that calls a kernel of an interface."""
+    """Return a function that calls a kernel of an interface, with the four arguments of that."""
 
-    def ask(interface, p, offset, slip, own):
-        return answer(interface)(p, offset, slip, own)
+    def ask(interface, p, x, y, z):
+        return answer(interface)(p, x, y, z)
 
     @chooses(ask)
-    def _(interface, p, offset, slip, own):
+    def _(interface, p, x, y, z):
         function = answer(_known[interface.name])
-        return lambda interface, p, offset, slip, own: function(p, offset, slip, own)
+        return lambda interface, p, x, y, z: function(p, x, y, z)
 
     return ask
 
@@ -165,22 +205,11 @@ springs_of = _kernel_of(lambda interface: interface.springs)
 """Return the share of springs in that force [N]."""
 
 
-def resolves(interface: Interface, p: Any, before: Any, after: Any, way: float) -> Any:  # noqa: ANN401
-    """Tell whether a step between two slip velocities [m/s] sees all of an interface's force."""
-    return interface.resolves is None or interface.resolves(p, before, after, way)
+resolves = _kernel_of(lambda interface: interface.resolves)
+"""Tell whether a step (interface, p, slip before, slip after, way) sees all of its force."""
 
 
-@chooses(resolves)
-def _resolves(interface, p, before, after, way):
-    function = _known[interface.name].resolves
-    if function is None:
-        return lambda interface, p, before, after, way: before == before  # noqa: PLR0124 - of its kind
-    return lambda interface, p, before, after, way: function(p, before, after, way)
-
-
-def _constant_of(
-    kind: types.Type, answer: Callable[[Interface], Any]
-) -> Callable[[Interface], Any]:
+def _constant_of(kind: types.Type, answer: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """Return a function of an interface whose result kernels know when they are compiled."""
 
     def ask(interface):
@@ -201,8 +230,13 @@ own_states_of = _constant_of(types.int64, lambda interface: len(interface.states
 parameters_of = _constant_of(types.int64, lambda interface: len(interface.parameters))
 """How many parameters an interface has."""
 
-is_line = _constant_of(types.boolean, lambda interface: interface is LINE)
+is_line = _constant_of(types.boolean, lambda interface: interface.force is _line)
 """Whether an interface is a line in each regime."""
+
+has_friction = _constant_of(types.boolean, lambda law: law.has_friction)
+is_finite = _constant_of(types.boolean, lambda law: law.is_finite)
+is_excited = _constant_of(types.boolean, lambda law: law.is_excited)
+"""What `Law` says."""
 
 
 @inlined_kernel

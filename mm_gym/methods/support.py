@@ -10,7 +10,7 @@ from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, suggest
 from mm_gym.lanes import layout
 from mm_gym.law import bounds, dry_friction, springs
-from mm_gym.law.interface import LINE, Interface
+from mm_gym.law.interface import LINE, Interface, Law, law_of
 
 LINEAR = "linear"
 PARAMETRIC_LINEAR = "parametric linear"
@@ -171,6 +171,16 @@ class Support:
     def is_general(self) -> bool:
         """Whether the interface is known by its value only."""
         return self.interface is not LINE
+
+    @property
+    def law(self) -> Law:
+        """The law of motion that kernels may be compiled for."""
+        return law_of(
+            self.interface,
+            has_friction=self.slips,
+            is_finite=bool(self.high[layout.L0] > 0.0),
+            is_excited=bool(self.terms or self.ground),
+        )
 
     @property
     def general_because(self) -> str:

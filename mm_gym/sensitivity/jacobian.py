@@ -256,7 +256,7 @@ def _kernel(
     """Return the quickest kernel that follows deviations by causes, and its columns at a time."""
     columns = len(support.state_rows) + len(causes)
     if support.is_general:
-        return step_with(support.interface), min(columns, LANES)
+        return step_with(support.law), min(columns, LANES)
     is_smooth = not (support.slips or support.high[layout.L0] > 0.0)
     if is_smooth and not (by_tangents or support.is_cubic or layout.BETA in causes):
         return by_linear_series, columns

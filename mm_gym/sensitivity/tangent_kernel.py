@@ -20,6 +20,7 @@ from mm_gym.lanes.simd_memory import from_row, rows_on_stack
 from mm_gym.lanes.tangents import slopes_of, tangent, tangents_of, value_of
 from mm_gym.law.interface import (
     Interface,
+    Law,
     force_of,
     own_states_of,
     parameters_of,
@@ -52,7 +53,7 @@ next."""
 _numbers = rows_on_stack(2 * (slots.SIZE + layout.HARMONICS))
 
 
-def step_with(interface: Interface) -> Callable[..., int]:
+def step_with(interface: Law) -> Callable[..., int]:
     """Return the kernel of a control step with deviations, see `step_kernel.step_by`."""
 
     @borrowing_kernel

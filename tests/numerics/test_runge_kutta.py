@@ -77,7 +77,7 @@ def _lanes(scene, count=LANES):
 def _move(lanes, method=None):
     """Advance all lanes by a sample interval without a new command; return the status."""
     plant = method or lanes.plant
-    return plant.method.entries.propagate(plant.model, lanes._values, 0, lanes.count)
+    return plant.entries.propagate(plant.model, lanes._values, 0, lanes.count)
 
 
 def _steps(parts, tolerance, *, excitation="held", steps=6):
@@ -134,7 +134,7 @@ def test_lanes_side_by_side_equal_lanes_alone(parts, excitation):
     for groups in ([(i, i + 1) for i in range(41)], [(0, 5), (5, 23), (23, 41)]):
         values[:] = before
         for first, last in groups:
-            plant.method.entries.propagate(plant.model, values, first, last)
+            plant.entries.propagate(plant.model, values, first, last)
         assert (values[:4] == together).all()
 
 

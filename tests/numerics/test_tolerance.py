@@ -190,10 +190,10 @@ def _assert_lanes_apart(recording: Recording) -> None:
     many, one = Lanes(plant, count), Lanes(plant, 1)
     for i in range(count):
         many.values[:, [i]] = lane_at(recording, i % STEPS)
-    many.raise_for(plant.method.entries.propagate(plant.model, many.values, 0, count))
+    many.raise_for(plant.entries.propagate(plant.model, many.values, 0, count))
     for i in range(STEPS):
         one.values[:] = lane_at(recording, i)
-        one.raise_for(plant.method.entries.propagate(plant.model, one.values, 0, 1))
+        one.raise_for(plant.entries.propagate(plant.model, one.values, 0, 1))
         assert np.array_equal(many.values[:4, i], one.values[:4, 0])
 
 

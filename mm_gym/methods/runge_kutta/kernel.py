@@ -1,6 +1,6 @@
 """Embedded Runge-Kutta steps for every law of motion, over vectors of lanes.
 
-`entries_of` an interface are compiled for it: its force, and states that it may have of its own.
+They are compiled for each law, and have code for nothing else.
 
 Lanes are taken some vectors at a time, which go through the stages of a step side by side. Each
 lane has steps of its own: their lengths follow from its error estimates, and from when friction
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.excitation.sources import excitation, is_excited, load_sources, rows_of_sources
+from mm_gym.excitation.sources import excitation, load_sources, rows_of_sources
 from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write, write_states
@@ -34,9 +34,11 @@ from mm_gym.lanes.simd_masks import (
 from mm_gym.lanes.simd_memory import from_row, lane_copier, rows_on_stack
 from mm_gym.law.dry_friction import slip_intercept
 from mm_gym.law.interface import (
-    LINE,
-    Interface,
+    Law,
     force_of,
+    has_friction,
+    is_excited,
+    is_finite,
     is_line,
     own_at,
     own_states_of,
@@ -51,7 +53,6 @@ from mm_gym.law.springs import is_resolved
 from mm_gym.methods.runge_kutta import layout as slots
 from mm_gym.methods.runge_kutta.tableau_kernel import summed
 from mm_gym.methods.taylor import kernel as taylor
-from mm_gym.methods.taylor import layout as series
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -102,53 +103,49 @@ _copy_lane = lane_copier(slots.MOVED)
 _group, _waiting = rows_on_stack(VECTORS * slots.SIZE), rows_on_stack(VECTORS * slots.SIZE)
 
 
-def propagate_with(interface: Interface) -> Callable[..., int]:
-    """Return the kernel of an interface that is no line: there is no series to leave doubts to."""
+def propagate_with(law: Law) -> Callable[..., int]:
+    """Return the kernel of a law of motion."""
 
     @borrowing_kernel
     def propagate(model, lanes, first, last):
-        if not model[slots.STEPS] > 0.0:  # it has no plan for an interval of this length
-            return layout.TOO_MANY_STEPS
-        return _propagate(interface, model, lanes, first, last)
+        """Advance the lanes by one sample interval; force and stretch are held over it."""
+        if model[slots.STEPS] > 0.0:
+            return _propagate(law, model, lanes, first, last)
+        # It has no plan for an interval of this length.
+        if is_line(law):
+            return taylor.propagate(model, lanes, first, last)
+        return layout.TOO_MANY_STEPS
 
     return propagate
 
 
-@borrowing_kernel
-def propagate(model, lanes, first, last):
-    """Advance the lanes by one sample interval; force and stretch are held over it."""
-    if not model[slots.STEPS] > 0.0:
-        return taylor.propagate(model, lanes, first, last)
-    return _propagate(LINE, model, lanes, first, last)
-
-
 @inlined_kernel
-def _propagate(interface, model, lanes, first, last):
+def _propagate(law, model, lanes, first, last):
     """Advance the lanes by one sample interval."""
     b, w, idle, status = _group(), _waiting(), _ALL, layout.OK
     for i in range(first, last, _GROUP):
         count = min(_GROUP, last - i)
         for k in range(0, count, LANES):
-            _load(interface, model, lanes, i + k, min(LANES, count - k), _vector_of(b, k))
+            _load(law, model, lanes, i + k, min(LANES, count - k), _vector_of(b, k))
         everyone = busy = (1 << count) - 1
         while 2 * how_many(busy) > count:
-            _walk(interface, model, b, count)
+            _walk(law, model, b, count)
             busy = everyone & _those(b, count, slots.GOES_ON)
         for k in range(0, count, LANES):
-            _store(interface, model, lanes, i + k, min(LANES, count - k), _vector_of(b, k))
+            _store(law, model, lanes, i + k, min(LANES, count - k), _vector_of(b, k))
         busy = everyone - (everyone & _those(b, count, slots.DONE))
         while busy != 0:
             while idle == 0:
-                idle, status = _empty(interface, model, lanes, w, idle, status)
+                idle, status = _empty(law, model, lanes, w, idle, status)
             slot, k = lowest(idle), lowest(busy)
             if idle == _ALL:  # numbers in all slots, so that none costs time as a denormal one
                 for other in range(_GROUP - 1, 0, -1):
-                    _move(interface, model, b, k, w, other)
-            _move(interface, model, b, k, w, slot)
+                    _move(law, model, b, k, w, other)
+            _move(law, model, b, k, w, slot)
             _vector_of(w, slot)[slots.LANE, slot % LANES] = i + k
             idle, busy = idle & (idle - 1), busy & (busy - 1)
     while idle != _ALL:
-        idle, status = _empty(interface, model, lanes, w, idle, status)
+        idle, status = _empty(law, model, lanes, w, idle, status)
     return status
 
 
@@ -177,19 +174,19 @@ def _those(group, count, outcome):
 
 
 @borrowing_kernel
-def _load(interface, model, lanes, i, count, b):
+def _load(law, model, lanes, i, count, b):
     """Load the state and the coefficients of a vector of lanes."""
-    states = states_of(interface)
+    states = states_of(law)
     for k in range(states):
         b[slots.STATE + k] = read(lanes, state_row(model, k, states), i, count)
     write_coefficients(b, read_coefficients(lanes, i, count))
     b[slots.PAIR], b[slots.FORCE] = control_forces(model, read(lanes, layout.FORCE, i, count))
-    if is_line(interface):
+    if is_line(law):
         b[slots.SLOPE], b[slots.INTERCEPT] = read(lanes, layout.C, i, count), b[slots.PAIR]
     else:
-        for k in range(parameters_of(interface)):
+        for k in range(parameters_of(law)):
             b[slots.PARAMETERS + k] = read(lanes, int(model[layout.INTERFACE]) + k, i, count)
-    if model[series.HAS_FRICTION] > 0.0:
+    if has_friction(law):
         vr, chi = read(lanes, layout.VR, i, count), read(lanes, layout.CHI, i, count)
         kinetic = read(lanes, layout.KINETIC_FORCE, i, count)
         b[slots.VR], b[slots.CREEP], b[slots.CHI] = vr, b[slots.SLOPE], chi
@@ -197,19 +194,20 @@ def _load(interface, model, lanes, i, count, b):
         slip = b[slots.STATE + 3] - b[slots.STATE + 2]
         zero, one = everywhere(0.0), everywhere(1.0)
         _enter(b, where(slip > vr, one, where(slip < -vr, -one, zero)))
-    load_sources(model, lanes, i, count, b, slots.SOURCES)
+    if is_excited(law):
+        load_sources(model, lanes, i, count, b, slots.SOURCES)
     b[slots.OUTCOME] = everywhere(slots.GOES_ON)
     for row in (slots.ELAPSED, slots.COUNT, slots.TARGET, slots.NEXT, slots.SHIFT, slots.ARRIVES):
         b[row] = everywhere(0.0)
     set_length(b, everywhere(model[layout.SAMPLE_INTERVAL] / model[slots.STEPS]))
-    write_kicks(interface, b, slots.KICKS, first_kicks(interface, model, b))
+    write_kicks(law, b, slots.KICKS, first_kicks(law, model, b))
 
 
 @borrowing_kernel
-def _store(interface, model, lanes, i, count, b):
+def _store(law, model, lanes, i, count, b):
     """Write the states of those lanes of a vector that are done."""
     done = b[slots.OUTCOME] == slots.DONE
-    states, first = states_of(interface), 0
+    states, first = states_of(law), 0
     if count == LANES and all_hold(done):
         write_states(lanes, i, b[0], b[1], b[2], b[3])
         first = slots.OWN
@@ -245,23 +243,24 @@ def _enter(b, regime):
 
 
 @borrowing_kernel
-def _move(interface, model, b, k, w, slot):
+def _move(law, model, b, k, w, slot):
     """Copy lane k of a group to a slot of another."""
     one, other = _vector_of(b, k), _vector_of(w, slot)
     k, slot = k % LANES, slot % LANES
     _copy_lane(one, k, other, slot)
-    for row in range(slots.SOURCES, slots.SOURCES + rows_of_sources(model)):
-        other[row, slot] = one[row, k]
-    for row in range(own_states_of(interface)):
+    if is_excited(law):
+        for row in range(slots.SOURCES, slots.SOURCES + rows_of_sources(model)):
+            other[row, slot] = one[row, k]
+    for row in range(own_states_of(law)):
         other[slots.OWN_KICKS + row, slot] = one[slots.OWN_KICKS + row, k]
-    for row in range(parameters_of(interface)):
+    for row in range(parameters_of(law)):
         other[slots.PARAMETERS + row, slot] = one[slots.PARAMETERS + row, k]
 
 
 @borrowing_kernel
-def _empty(interface, model, lanes, w, idle, status):
+def _empty(law, model, lanes, w, idle, status):
     """Let all lanes that wait make a step; return the idle slots and the status."""
-    _walk(interface, model, w, _GROUP)
+    _walk(law, model, w, _GROUP)
     busy = _ALL - idle
     done = busy - (busy & _those(w, _GROUP, slots.GOES_ON))
     idle |= done
@@ -271,9 +270,9 @@ def _empty(interface, model, lanes, w, idle, status):
         own, k = _vector_of(w, slot), slot % LANES
         lane = int(own[slots.LANE, k])
         if own[slots.OUTCOME, k] == slots.DONE:
-            for row in range(states_of(interface)):
-                lanes[state_row(model, row, states_of(interface)), lane] = own[row, k]
-        elif is_line(interface):
+            for row in range(states_of(law)):
+                lanes[state_row(model, row, states_of(law)), lane] = own[row, k]
+        elif is_line(law):
             status = max(status, taylor.propagate(model, lanes, lane, lane + 1))
         else:
             status = max(status, layout.TOO_MANY_STEPS)
@@ -281,15 +280,15 @@ def _empty(interface, model, lanes, w, idle, status):
 
 
 @borrowing_kernel
-def _walk(interface, model, group, count):
+def _walk(law, model, group, count):
     """Let the lanes of a group that go on make a step, each by its length."""
-    _pass_stages(interface, model, group, count)
+    _pass_stages(law, model, group, count)
     for k in range(0, count, LANES):
         b = _vector_of(group, k)
-        _assess(interface, model, b)
-        if model[series.HAS_FRICTION] > 0.0:
+        _assess(law, model, b)
+        if has_friction(law):
             _follow(model, b)
-        _conclude(interface, model, b)
+        _conclude(law, model, b)
 
 
 @inlined_kernel
@@ -309,33 +308,30 @@ def _coefficients(b):
 
 
 @inlined_kernel
-def _kicks(interface, model, b, time, x1, x2, v1, v2, own):
+def _kicks(law, model, b, time, x1, x2, v1, v2, own):
     """Return the accelerations at a time [s] since the interval's start, times the step's length.
 
     So they are added to velocities as they are; and the same of the interface's own states.
     """
     push, shake = b[slots.FORCE], alike(time, 0.0)
-    if is_excited(model):
+    if is_excited(law):
         force, shake = excitation(model, b, slots.SOURCES, time)
         push, shake = push + force, shake * b[slots.LENGTH]
-    is_finite, p, offset, slip = model[series.IS_FINITE] > 0.0, _parameters(b), x2 - x1, v2 - v1
-    link = force_of(interface, p, offset, slip, own)
-    if not is_line(interface):  # whose intercept has it
+    p, offset, slip = _parameters(b), x2 - x1, v2 - v1
+    link = force_of(law, p, offset, slip, own)
+    if not is_line(law):  # whose intercept has it
         link = link + b[slots.PAIR]
-    a1, a2 = rates(_coefficients(b), is_finite, x1, offset, v1, link, push, shake)
-    first, second = rates_of(interface, p, offset, slip, own)
+    a1, a2 = rates(_coefficients(b), is_finite(law), x1, offset, v1, link, push, shake)
+    first, second = rates_of(law, p, offset, slip, own)
     return a1, a2, b[slots.LENGTH] * first, b[slots.LENGTH] * second
 
 
 @inlined_kernel
-def write_kicks(interface, b, row, kicks):
+def write_kicks(law, b, row, kicks):
     """Write what `_kicks` returns, for a stage by the row of its first."""
     b[row], b[row + 1] = kicks[0], kicks[1]
-    own = row + slots.OWN_KICKS - slots.KICKS
-    if own_states_of(interface) > 0:
-        b[own] = kicks[2]
-    if own_states_of(interface) > 1:
-        b[own + 1] = kicks[3]
+    for k in range(own_states_of(law)):
+        b[row + slots.OWN_KICKS - slots.KICKS + k] = kicks[2 + k]
 
 
 @inlined_kernel
@@ -345,49 +341,48 @@ def _parameters(b):
 
 
 @inlined_kernel
-def first_kicks(interface, model, b):
+def first_kicks(law, model, b):
     """Return them where the step begins."""
-    own = own_at(interface, b, slots.OWN)
-    return _kicks(interface, model, b, b[slots.ELAPSED], b[0], b[1], b[2], b[3], own)
+    own = own_at(law, b, slots.OWN)
+    return _kicks(law, model, b, b[slots.ELAPSED], b[0], b[1], b[2], b[3], own)
 
 
 @borrowing_kernel
-def _pass_stages(interface, model, group, count):
+def _pass_stages(law, model, group, count):
     """Work out the stages behind the first."""
     prefer_widest_vectors()
     stay_apart()
     for i in range(int(model[slots.STAGES])):
         for k in range(0, count, LANES):
-            pass_stage(interface, model, _vector_of(group, k), i)
+            pass_stage(law, model, _vector_of(group, k), i)
 
 
 @inlined_kernel
-def pass_stage(interface, model, b, i):
+def pass_stage(law, model, b, i):
     """Work out a stage, and take it for the step's end."""
     h, number = b[slots.LENGTH], int(model[slots.SUM]) + i
     w1, w2, r1, r2 = summed(b, number, b[2], b[3])
     y1, y2 = fma(h, r1, b[0]), fma(h, r2, b[1])
     time, kick = fma(model[slots.TIMES + i], h, b[slots.ELAPSED]), slots.KICKS + 2 * (i + 1)
-    own = own_at(interface, b, slots.OWN)
-    if own_states_of(interface) > 0:
-        own = summed_own(interface, b, number, own)
-        b[slots.END + slots.OWN] = own[0]
-    if own_states_of(interface) > 1:
-        b[slots.END + slots.OWN + 1] = own[1]
+    own = own_at(law, b, slots.OWN)
+    if own_states_of(law) > 0:
+        own = summed_own(law, b, number, own)
+    for k in range(own_states_of(law)):
+        b[slots.END + slots.OWN + k] = own[k]
     if i + 1 == int(model[slots.STAGES]):
         b[slots.END], b[slots.END + 1], b[slots.END + 2], b[slots.END + 3] = y1, y2, w1, w2
-    write_kicks(interface, b, kick, _kicks(interface, model, b, time, y1, y2, w1, w2, own))
+    write_kicks(law, b, kick, _kicks(law, model, b, time, y1, y2, w1, w2, own))
 
 
 @inlined_kernel
-def summed_own(interface, b, number, own):
+def summed_own(law, b, number, own):
     """Return the interface's own states of a stage, or the same of an estimate's errors."""
     first, second, _, _ = summed(from_row(b, slots.OWN_KICKS - slots.KICKS), number, own[0], own[1])
-    return first, (second if own_states_of(interface) > 1 else own[1])
+    return first, (second if own_states_of(law) > 1 else own[1])
 
 
 @borrowing_kernel
-def _assess(interface, model, b):
+def _assess(law, model, b):
     """Tell whether a step's error is small, and by what factor the next may be longer."""
     prefer_widest_vectors()
     stay_apart()
@@ -401,15 +396,15 @@ def _assess(interface, model, b):
     o1, o2, s1, s2 = summed(b, estimates + 1, v1, v2)
     change, shift = larger(abs(q1), abs(q2)), larger(abs(r1), abs(r2)) * h
     other = larger(abs(o1), abs(o2))
-    least = LEAST if is_line(interface) else LEAST_ALONE
+    least = LEAST if is_line(law) else LEAST_ALONE
     limit = model[slots.LIMIT] * larger(h * (1.0 / model[layout.SAMPLE_INTERVAL]), alike(h, least))
-    if not is_line(interface):  # else what rounding leaves of balanced forces is left to the series
+    if not is_line(law):  # else what rounding leaves of balanced forces is left to the series
         limit = larger(limit, alike(h, ROUND_OFF))
         forces = fma(abs(b[slots.LINEAR]), far, abs(b[slots.FORCE]) + abs(b[slots.PAIR]))
         fast = fma(ROUND_OFF * forces, b[slots.BY_M1] / limit, fast)
     most, most_shift = limit * fast, limit * far
     # Hairer, Norsett and Wanner (1993), II.10: for forces that bend as springs do.
-    if model[slots.IS_COMBINED] > 0.0 and is_line(interface):
+    if model[slots.IS_COMBINED] > 0.0 and is_line(law):
         change, most = _combined(change, other, most)
         shift, most_shift = _combined(shift, larger(abs(s1), abs(s2)) * h, most_shift)
     good = (shift <= most_shift) & (change <= most)
@@ -420,16 +415,16 @@ def _assess(interface, model, b):
     steep = larger(larger(abs(a1), abs(a2)), larger(abs(e1), abs(e2)))
     coarse = model[slots.COARSE] * fma(fast * fast, h, steep * far)
     good = good & (other * other * h <= coarse)
-    if model[series.IS_FINITE] > 0.0:
+    if is_finite(law):
         good = good & is_resolved(b[slots.BY_L0], b[slots.STRETCH], x2 - x1, y2 - y1)
     good = good & (far + fast < np.inf)
     slips = b[slots.STATE + 3] - b[slots.STATE + 2], b[slots.END + 3] - b[slots.END + 2]
     way = LONGEST_WAY_OF_BOTH if model[slots.IS_COMBINED] > 0.0 else LONGEST_WAY
-    good = good & resolves(interface, _parameters(b), slips[0], slips[1], way)
+    good = good & resolves(law, _parameters(b), slips[0], slips[1], way)
     zero = everywhere(0.0)
-    slid = summed_own(interface, b, estimates, (zero, zero))
-    rounded = rates_of(interface, _parameters(b), far, fast, (zero, zero))
-    for k in range(own_states_of(interface)):
+    slid = summed_own(law, b, estimates, (zero, zero))
+    rounded = rates_of(law, _parameters(b), far, fast, (zero, zero))
+    for k in range(own_states_of(law)):
         moved = abs(b[slots.OWN_KICKS + k]) * (model[layout.SAMPLE_INTERVAL] / h)
         # Where both masses move almost alike, little is left of the digits of the slip velocity.
         moved = fma(abs(rounded[k]), h * ROUND_OFF / limit, moved)
@@ -642,13 +637,13 @@ def _cut(model, b, leaves):
 
 
 @borrowing_kernel
-def _conclude(interface, model, b):
+def _conclude(law, model, b):
     """Make the accepted steps, and choose the lengths of the next ones."""
     # A copy: as plain Python rows are lent, and the length is written below.
     h, shift, interval = b[slots.LENGTH] + 0.0, b[slots.SHIFT], model[layout.SAMPLE_INTERVAL]
     good = (b[slots.OUTCOME] == slots.GOES_ON) & (b[slots.GOOD] > 0.0)
     is_last = good & (h >= interval - b[slots.ELAPSED]) & (shift == 0.0)
-    for row in range(states_of(interface)):
+    for row in range(states_of(law)):
         b[row] = where(good, b[slots.END + row], b[row])
     b[slots.OUTCOME] = where(is_last, slots.DONE, b[slots.OUTCOME])
     if none(b[slots.OUTCOME] == slots.GOES_ON):
@@ -664,14 +659,14 @@ def _conclude(interface, model, b):
     last, scale = slots.KICKS + 2 * int(model[slots.STAGES]), b[slots.LENGTH] / h
     for row in range(2):
         b[slots.KICKS + row] = where(good, b[last + row], b[slots.KICKS + row]) * scale
-    for row in range(slots.OWN_KICKS, slots.OWN_KICKS + own_states_of(interface)):
+    for row in range(slots.OWN_KICKS, slots.OWN_KICKS + own_states_of(law)):
         b[row] = where(good, b[last + row - slots.KICKS], b[row]) * scale
     if not none(enters):
-        a1, a2, _, _ = first_kicks(interface, model, b)
+        a1, a2, _, _ = first_kicks(law, model, b)
         b[slots.KICKS] = where(enters, a1, b[slots.KICKS])
         b[slots.KICKS + 1] = where(enters, a2, b[slots.KICKS + 1])
     b[slots.COUNT] = b[slots.COUNT] + 1.0
-    most = MOST_STEPS if is_line(interface) else MOST_STEPS_ALONE
+    most = MOST_STEPS if is_line(law) else MOST_STEPS_ALONE
     lasts = (b[slots.COUNT] < most) & (b[slots.LENGTH] > 0.0)
     outcome = where(lasts, slots.GOES_ON, everywhere(slots.GIVEN_UP))
     b[slots.OUTCOME] = where(b[slots.OUTCOME] == slots.GOES_ON, outcome, b[slots.OUTCOME])

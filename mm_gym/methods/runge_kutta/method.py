@@ -12,6 +12,7 @@ import numpy as np
 from mm_gym.arrays import Array
 from mm_gym.excitation import sources
 from mm_gym.lanes import layout
+from mm_gym.law.interface import always
 from mm_gym.methods.base import Method, Option, Settings
 from mm_gym.methods.runge_kutta import kernel
 from mm_gym.methods.runge_kutta import layout as slots
@@ -30,7 +31,7 @@ from mm_gym.methods.taylor.method import Taylor
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
-    from mm_gym.law.interface import Interface
+    from mm_gym.law.interface import Interface, Law
     from mm_gym.methods.support import Support
     from mm_gym.step.control_step import Entries
 
@@ -106,13 +107,12 @@ class RungeKutta(Method):
         *(SMOOTH_NONLINEAR, SWITCHED_LINEAR, PARAMETRIC_SWITCHED_LINEAR, SWITCHED_NONLINEAR),
         GENERAL,
     )
-    entries = build(kernel.propagate, shorten=kernel.shorten, stops_at_corners=True)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
     tightest = TIGHTEST
 
     def entries_of(self, support: Support) -> Entries:
-        """Return the kernels for a support's interface."""
-        return _entries_with(support.interface) if support.is_general else self.entries
+        """Return the kernels for a support's law of motion."""
+        return entries_with(support.law, support.interface)
 
     def deferral(self, support: Support, settings: Settings) -> str | None:
         """Return why `auto` prefers a series, or None."""
@@ -184,8 +184,9 @@ class RungeKutta(Method):
 
 
 @cache
-def _entries_with(interface: Interface) -> Entries:
-    propagate = kernel.propagate_with(interface)
+def entries_with(law: Law, interface: Interface) -> Entries:
+    """Return the kernels for a law of motion and its interface."""
+    propagate = kernel.propagate_with(law)
     return build(propagate, shorten=kernel.shorten, stops_at_corners=True, interface=interface)
 
 
@@ -196,7 +197,7 @@ def _limit(support: Support, settings: Settings) -> float:
     """
     growth = support.growth_rate * support.sample_interval * support.intervals_per_step
     tolerance = min(settings.tolerance, LOOSEST) / support.intervals_per_step
-    margin = MARGIN * (OF_TURNS if support.interface.resolves else 1.0)
+    margin = MARGIN * (OF_TURNS if support.interface.resolves is not always else 1.0)
     return margin * tolerance * math.exp(-growth)
 
 
