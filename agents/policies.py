@@ -15,7 +15,7 @@ from agents.network.files import ENDINGS, LARGEST, PolicyError, read_content
 from agents.network.interface import Interface
 from agents.network.old_files import old_policy
 from agents.network.policy import FORMAT, Policy, network, policy_of
-from agents.value_table.policy import TablePolicy, is_table, table_policy
+from agents.value_table.policy import TablePolicy, table_policy
 from mm_gym import DesignError, SceneError
 from mm_gym.arrays import Array
 from mm_gym.files import read_bytes
@@ -100,7 +100,7 @@ def load_deployed(path: str | Path) -> Deployed:
 def policy_in(content: bytes) -> AnyPolicy:
     """Return the policy in the content of a file; raise `ValueError` if it is none."""
     description, arrays = read_content(content)
-    if is_table(arrays):
+    if "after" in arrays:
         return table_policy(description, arrays)
     if description.get("format") == FORMAT:
         return policy_of(description, arrays)

@@ -39,7 +39,7 @@ class Evaluation:
     time: Array
     displacement: Array
     applied: Array
-    # (episodes,) energy that changing the stretch put in [J], see `SpringWork`; None where the
+    # (episodes,) energy that changing the stretch put in [J], see `injected`; None where the
     # stretch is not actuated.
     injected: Array | None
 
@@ -67,33 +67,27 @@ class Evaluation:
         return np.sqrt(np.mean(self.displacement**2, axis=0))
 
 
-class SpringWork:
-    """Work on the springs of episodes that have just begun, which may be drawn for each."""
+def injected(springs: tuple[Array, Array], offset: Array, stretch: Array) -> Array:
+    """Return the most that stretching has given by any time, less what it has taken [J].
 
-    def __init__(self, scene: Scene, env: MovingMassVectorEnv) -> None:
-        finite = scene.springs.kind == "finite_stretch"
-        self.stiffness = env.drawn("springs.stiffness")
-        self.lengths = env.drawn("springs.rest_length") if finite else np.zeros(env.num_envs)
+    Changing the stretch at an offset does the work by which the springs' energy jumps. Its sum from
+    the start of an episode is positive where a law has put in more than it has taken out.
 
-    def injected(self, offset: Array, stretch: Array) -> Array:
-        """Return the most that stretching has given by any time, less what it has taken [J].
-
-        Changing the stretch at an offset does the work by which the springs' energy jumps. Its sum
-        from the start of an episode is positive where a law has put in more than it has taken out.
-
-        Parameters
-        ----------
-        offset
-            (steps, lanes): x2 - x1 at the start of each control step [m].
-        stretch
-            (steps + 1, lanes): at the start of the episode, and in each control step [-].
-        """
-        work = np.empty_like(offset)
-        for lane, (k0, l0) in enumerate(zip(self.stiffness, self.lengths, strict=True)):
-            own, set_to = offset[:, lane], stretch[:, lane]
-            work[:, lane] = spring_energy(own, set_to[1:], k0, l0)
-            work[:, lane] -= spring_energy(own, set_to[:-1], k0, l0)
-        return np.maximum(np.cumsum(work, axis=0).max(axis=0), 0.0)
+    Parameters
+    ----------
+    springs
+        (lanes,) stiffnesses [N/m] and rest lengths [m], which may be drawn for each episode.
+    offset
+        (steps, lanes): x2 - x1 at the start of each control step [m].
+    stretch
+        (steps + 1, lanes): at the start of the episode, and in each control step [-].
+    """
+    work = np.empty_like(offset)
+    for lane, (k0, l0) in enumerate(zip(*springs, strict=True)):
+        own, set_to = offset[:, lane], stretch[:, lane]
+        work[:, lane] = spring_energy(own, set_to[1:], k0, l0)
+        work[:, lane] -= spring_energy(own, set_to[:-1], k0, l0)
+    return np.maximum(np.cumsum(work, axis=0).max(axis=0), 0.0)
 
 
 def spread_frequency(scene: Scene, episodes: int, blocks: int = 1) -> dict[str, Array]:
@@ -156,10 +150,13 @@ def evaluate(
     rollout, steps = Rollout(env, controller, seed=seed, options=options), scene.control.steps
     displacement, rewards = np.empty((steps, episodes)), np.zeros((steps, episodes))
     applied = np.empty((steps, episodes, env.single_action_space.shape[0]))
-    work = None if scene.actuation.stretch is None else SpringWork(scene, env)
-    tuned = env.plant.actuators.index("stretch") if work is not None else 0
-    info = rollout.info
-    offset, initial = np.zeros((steps, episodes)), info["applied"][:, tuned].copy()
+    springs = None
+    if scene.actuation.stretch is not None:
+        finite = scene.springs.kind == "finite_stretch"
+        lengths = env.drawn("springs.rest_length") if finite else np.zeros(episodes)
+        springs = env.drawn("springs.stiffness"), lengths
+    info, offset = rollout.info, np.zeros((steps, episodes))
+    initial = info["applied"].copy()
     lived, early, step = np.zeros(episodes, np.int64), np.zeros(episodes, np.bool_), 0
     for step, made in enumerate(rollout):
         for record in (displacement, applied):
@@ -181,6 +178,11 @@ def evaluate(
             "mean cost of at least 0, because its root is reported"
         )
         raise SceneError(msg)
+    work = None
+    if springs is not None:
+        tuned = env.plant.actuators.index("stretch")
+        stretch = np.concatenate([initial[None], applied])[:, :, tuned]
+        work = injected(springs, offset, stretch)
     return Evaluation(
         name=controller.name,
         reads=controller.reads,
@@ -190,9 +192,7 @@ def evaluate(
         time=scene.control.time_step * np.arange(1, steps + 1),
         displacement=displacement / scene.objective.displacement_scale,
         applied=applied,
-        injected=None
-        if work is None
-        else work.injected(offset, np.concatenate([initial[None], applied[:, :, tuned]])),
+        injected=work,
     )
 
 

@@ -128,7 +128,7 @@ def report_run(
         raise RunError(msg)
     settings = record["settings"]
     if reward is not None:  # asked for, so its file may be run, and the run's own need not be
-        settings = {name: value for name, value in settings.items() if name != "reward"}
+        settings = settings | {"reward": None}
     parts = recorded_parts(rewarded(run.scene(), reward), settings, trust=trust)
     learned = agent_of(run, parts, name) if policy is None else parts.controller(policy, name)
     return report([*others, learned], parts.scene, episodes, folder or run.folder)

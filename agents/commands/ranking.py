@@ -68,7 +68,6 @@ def add_controllers(
 
 
 def _role(entry: Entry) -> str:
-    """Return the role of an entry in `agents.evaluation.headroom.Headroom`."""
     if entry.name == "predictive-control":
         return "predictive"
     if entry.role == "any":

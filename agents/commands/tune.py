@@ -100,7 +100,12 @@ def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
     except OSError as error:
         msg = f"{folder}: cannot be the folder of a study: {error}"
         raise RunError(msg) from error
-    study = _study(settings, folder)
+    study = open_study(settings.name, folder, settings.seed)
+    own = settings.model_dump_json(exclude={"trials"})
+    if study.user_attrs.setdefault("settings", own) != own:
+        msg = f"{folder}: holds a study of other settings; choose another name with --name"
+        raise RunError(msg)
+    study.set_user_attr("settings", own)
     left = settings.trials - len(study.get_trials(deepcopy=False, states=OVER))
 
     def cost(trial: Trial) -> float:
@@ -113,17 +118,6 @@ def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
         enough = optuna.study.MaxTrialsCallback(settings.trials, states=OVER)
         study.optimize(cost, callbacks=[note, enough], show_progress_bar=False)
     return _write_best(study, settings, folder)
-
-
-def _study(settings: TuneSettings, folder: Path) -> Study:
-    """Open the study, or begin it."""
-    study = open_study(settings.name, folder, settings.seed)
-    own = settings.model_dump_json(exclude={"trials"})
-    if study.user_attrs.setdefault("settings", own) != own:
-        msg = f"{folder}: holds a study of other settings; choose another name with --name"
-        raise RunError(msg)
-    study.set_user_attr("settings", own)
-    return study
 
 
 def _tried(trial: Trial, settings: TuneSettings, folder: Path) -> float:

@@ -96,14 +96,10 @@ class Command:
 
     def __init__(self, scene: Scene, name: str) -> None:
         require_actuator(scene, name)
-        actuators, self.name, self.column = (
-            Actuators(scene),
-            name,
-            scene.actuation.names.index(name),
-        )
-        self.low, self.high = (float(ends[self.column]) for ends in (actuators.low, actuators.high))
-        self.travel = float(actuators.travel[self.column])
-        self.is_rate = bool(actuators.is_rate[self.column])
+        actuators, self.name = Actuators(scene), name
+        self.column = k = scene.actuation.names.index(name)
+        self.low, self.high = float(actuators.low[k]), float(actuators.high[k])
+        self.travel, self.is_rate = float(actuators.travel[k]), bool(actuators.is_rate[k])
 
     def present(self, applied: Array) -> Array:
         """Return the values (lanes,) among what the actuators have (lanes, k)."""

@@ -1,7 +1,7 @@
 """What every controller is: a function of its memory and of what it reads, over many lanes."""
 
 from abc import ABC, abstractmethod
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,24 +99,24 @@ class Law(ABC):
         return bool(self.begin(1))
 
 
-class StateSource(Protocol):
+class StateSource(ABC):
     """What tells a law the state: the truth, or an estimate from the observation."""
 
-    reads: Reads
+    reads: Reads = "observation"
 
     def begin(self, lanes: int) -> Memory:
         """Return the memory of so many new episodes."""
-        ...
+        return {}
 
+    @abstractmethod
     def read(
         self, memory: Memory, observation: Observation, info: Info
     ) -> tuple[Array, Array, Memory]:
         """Return the states (lanes, 4), what the actuators have (lanes, k), and the memory."""
-        ...
 
     def note(self, memory: Memory, action: Array) -> Memory:
         """Return the memory after the actions (lanes, k) that were chosen."""
-        ...
+        return memory
 
 
 def joined(**parts: Memory) -> Memory:

@@ -49,21 +49,15 @@ class Feedback(Controller):
         return joined(source=source, law=part(memory, "law"))
 
 
-class TrueState:
+class TrueState(StateSource):
     """The state and the actuators' values from the environment's `info`: for bounds."""
 
     reads: Reads = "full state"
-
-    def begin(self, lanes: int) -> Memory:
-        return {}
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
     ) -> tuple[Array, Array, Memory]:
         return info["state"], info["applied"], memory
-
-    def note(self, memory: Memory, action: Array) -> Memory:
-        return memory
 
 
 class Both(Law):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
-from agents.control.controller import Info, Memory, Observation, Reads, chosen
+from agents.control.controller import Info, Memory, Observation, StateSource, chosen
 from agents.control.disturbance import covariance, state_scales
 from agents.control.model import Model
 from agents.control.scene import plant_of
@@ -20,13 +20,11 @@ FLOOR = 1e-4
 STRETCHES = 9  # number of stretches at which the estimator's gain is computed; the nearest is used
 
 
-class ObservedActuators:
+class ObservedActuators(StateSource):
     """What the actuators have, from the first frame and the actions since; the state reads zero.
 
     It is all that a law needs which does not read the state, whatever the sensors show.
     """
-
-    reads: Reads = "observation"
 
     def __init__(self, scene: Scene) -> None:
         self.frame, self.actuators = Frame(scene), Actuators(scene)
@@ -178,7 +176,6 @@ class ObservedState(ObservedActuators):
         return [float(s) for s in np.linspace(actuator.minimum, actuator.maximum, STRETCHES)]
 
     def _nearest(self, applied: Array) -> NDArray[np.intp]:
-        """Return the index of each lane's stretch in the grid."""
         actuator = self.scene.actuation.stretch
         if actuator is None:
             return np.zeros(len(applied), np.intp)
@@ -187,7 +184,6 @@ class ObservedState(ObservedActuators):
         return np.rint(share * (STRETCHES - 1)).astype(np.intp)
 
     def _gains(self) -> Array:
-        """Return the filter's gains (stretches, 4, channels)."""
         plant = plant_of(self.scene)
         names = ", ".join(plant.channels)
         if not self.shown:

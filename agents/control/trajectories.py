@@ -205,8 +205,6 @@ class Trajectories:
         return best
 
     def _reactions(self, lanes: Array) -> Array:
-        """Return a step's entry of `Trajectory.reactions`."""
-
         def squared(lanes: Array) -> Array:
             return self.plant.scored_reactions(lanes, self.constants[0])
 
@@ -234,14 +232,12 @@ class Trajectories:
         return Sensitivities(self.support, self.constants, lanes)
 
     def _bounded(self, controls: Array, applied: Array) -> Array:
-        """Return controls within their bounds, given what is applied before the step."""
         low, high, step = self._bounds
         least = np.maximum(-1.0, (low - applied) / step)
         most = np.minimum(1.0, (high - applied) / step)
         return np.minimum(np.maximum(controls, least), most)
 
     def _action(self, controls: Array, applied: Array) -> Array:
-        """Return the actions (k, lanes) of controls."""
         if not self._by_change.any():
             return controls
         reached = applied + self._limits[3][:, None] * controls

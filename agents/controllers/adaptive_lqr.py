@@ -34,16 +34,8 @@ class AdaptiveLQR(Law):
     The model predicts each step's end; what the carriage's velocity is off by is linear in the
     errors of stiffness and damping, which recursive least squares with forgetting estimate. The
     estimate is taken for the truth (certainty equivalence). Åström and Wittenmark, *Adaptive
-    Control*, 2nd ed. (1995), chapters 2 and 3.
-
-    Parameters
-    ----------
-    scene
-        The scene that is controlled.
-    schedule
-        Its regulators over the stiffness.
-    factor
-        Of their gains.
+    Control*, 2nd ed. (1995), chapters 2 and 3. The schedule is of regulators over the stiffness,
+    and the factor is of all gains.
     """
 
     def __init__(self, scene: Scene, schedule: Schedule, factor: float) -> None:

@@ -33,10 +33,8 @@ class ClippedOptimal(SemiActive):
     `DesignError` if no damping is actuated, or as for `lqr.design`.
     """
 
-    def __init__(
-        self, scene: Scene, switching: Switching, weight: float, *, on: float | None = None
-    ) -> None:
-        super().__init__(scene, switching, on)
+    def __init__(self, scene: Scene, switching: Switching, weight: float) -> None:
+        super().__init__(scene, switching)
         self.name = self._called("clipped-optimal", f"weight {weight:.2g}")
         if self.device.is_on_off:
             self.name += f", weight {weight:.2g}"

@@ -15,7 +15,12 @@ from mm_gym.arrays import Array
 
 CENTRED = np.linspace(-0.5, 0.5, 17)  # forces over the force limit that are tried
 
-FORMATS = {"stretch": "{:.3f}", "damping": "{:.3g} N s/m", "voltage": "{:.3g} V"}
+FORMATS = {
+    "force": "{:.3f} N",
+    "stretch": "{:.3f}",
+    "damping": "{:.3g} N s/m",
+    "voltage": "{:.3g} V",
+}
 """How names tell what is held."""
 
 
@@ -30,19 +35,6 @@ class ConstantAction(Controller):
         return np.tile(self.values, (len(observation), 1)), memory
 
 
-class ConstantForce(Law):
-    """Push with one force [N]."""
-
-    def __init__(self, scene: Scene, force: float = 0.0) -> None:
-        command = Command(scene, "force")
-        require_number("force", force, command.low, command.high)
-        self.name = f"constant force {force:.3f} N" if force else "no force"
-        self.value = force / command.high
-
-    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
-        return np.full((len(state), 1), self.value), memory
-
-
 class Held(Law):
     """Go to one value and stay; by default stay at the one that the episode begins with.
 
@@ -51,7 +43,7 @@ class Held(Law):
     Parameters
     ----------
     actuator
-        "stretch" [-], "damping" [N s/m] or "voltage" [V].
+        "force" [N], "stretch" [-], "damping" [N s/m] or "voltage" [V].
     """
 
     def __init__(self, scene: Scene, actuator: str, value: float | None = None) -> None:
@@ -60,6 +52,8 @@ class Held(Law):
         if value is not None:
             require_number(actuator, value, self.command.low, self.command.high)
             self.name = f"constant {actuator} {FORMATS[actuator].format(value)}"
+        if (actuator, value) == ("force", 0.0):
+            self.name = "no force"
 
     def begin(self, lanes: int) -> Memory:
         if self.value is not None:
@@ -74,40 +68,22 @@ class Held(Law):
         return self.command(held, present), {"begun": np.ones_like(memory["begun"]), "held": held}
 
 
-def constant_stretch(scene: Scene, stretch: float | None = None) -> Law:
-    """Return the law that holds a stretch [-], and nothing else moves."""
-    return _held(scene, Held(scene, "stretch", stretch))
-
-
-def constant_damping(scene: Scene, damping: float | None = None) -> Law:
-    """Return the law that holds a damping [N s/m] or a voltage [V], and nothing else moves."""
-    return _held(scene, Held(scene, device_of(scene), damping))
-
-
 def device_of(scene: Scene) -> str:
     """Return which actuator a semi-active device has, "damping" or "voltage"."""
     return "damping" if scene.actuation.voltage is None else "voltage"
 
 
-def _held(scene: Scene, law: Held) -> Law:
-    """Return a law of one actuator, by its name, with the others at rest."""
-    laws = [
-        law
-        if name == law.command.name
-        else (ConstantForce(scene) if name == "force" else Held(scene, name))
-        for name in scene.actuation.names
-    ]
-    return law if len(laws) == 1 else Both(*laws)
+def held(scene: Scene, actuator: str, value: float | None = None) -> Law:
+    """Return the law that holds an actuator's value as `Held` does, and nothing else moves."""
+    at = dict.fromkeys(scene.actuation.names) | {"force": 0.0, actuator: value}
+    laws = [Held(scene, name, at[name]) for name in scene.actuation.names]
+    return laws[0] if len(laws) == 1 else Both(*laws)
 
 
 def no_control(scene: Scene) -> Law:
     """Return the law of no force, and of stretch and damping that the episode begins with."""
-    if scene.actuation.stretch is not None:
-        law = constant_stretch(scene)
-    elif scene.actuation.device is not None:
-        law = constant_damping(scene)
-    else:
-        law = ConstantForce(scene)
+    actuator = _slowest(scene)
+    law = held(scene, actuator, 0.0 if actuator == "force" else None)
     law.name = "no control"
     return law
 
@@ -122,14 +98,17 @@ def best_constant(scene: Scene, seed: int = VALIDATION_SEED) -> Feedback:
 
     With the seed of the final evaluation it is the best in hindsight.
     """
-    source = ObservedActuators(scene)
+    source, actuator = ObservedActuators(scene), _slowest(scene)
+    is_force = actuator == "force"
+    values = Command(scene, "force").high * CENTRED if is_force else grid(scene, actuator)
+    return searched(scene, lambda value: held(scene, actuator, value), values, seed, source)
+
+
+def _slowest(scene: Scene) -> str:
+    """Return the actuator that is worth holding: the stretch, else the damping, else the force."""
     if scene.actuation.stretch is not None:
-        values, make = grid(scene, "stretch"), constant_stretch
-    elif scene.actuation.device is not None:
-        values, make = grid(scene, device_of(scene)), constant_damping
-    else:
-        values, make = Command(scene, "force").high * CENTRED, ConstantForce
-    return searched(scene, lambda value: make(scene, value), values, seed, source)
+        return "stretch"
+    return "force" if scene.actuation.device is None else device_of(scene)
 
 
 ENTRIES = (

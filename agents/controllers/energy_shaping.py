@@ -51,7 +51,7 @@ class EnergyShaping(Law):
         return np.clip(force / self.limit, -1.0, 1.0)[:, None], memory
 
 
-def best_energy_shaping(scene: Scene) -> Feedback:
+def _best(scene: Scene) -> Feedback:
     """Search the frequency of the sphere and the damping of the slip, over four decades."""
     k1, m1 = nominal(scene, "carriage.stiffness"), nominal(scene, "carriage.mass")
     m2 = nominal(scene, "sphere.mass")
@@ -67,7 +67,7 @@ ENTRIES = (
     Entry(
         "energy-shaping",
         ("force",),
-        best_energy_shaping,
+        _best,
         12,
         refuses=unless(
             lambda scene: scene.actuation.is_between,

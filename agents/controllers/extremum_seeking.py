@@ -5,10 +5,13 @@ import numpy as np
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Feedback
-from agents.control.scene import require_number
 from agents.controllers.registry import Entry
 from mm_gym import Scene
 from mm_gym.arrays import Array
+
+WOBBLE = 0.07  # amplitude of the wobble over the range of the stretch [-]
+PERIOD = 8.0  # of the wobble, in periods of the carriage [-]
+GAIN = 0.03  # rate of the stretch over its range, per slope of the logarithm and carriage's period
 
 
 class ExtremumSeeking(Law):
@@ -17,30 +20,17 @@ class ExtremumSeeking(Law):
     The logarithm of the carriage's energy, averaged, passes a high-pass filter; multiplied by the
     wobble it is the slope of the cost, against which the stretch moves. Krstic and Wang, *Stability
     of extremum seeking feedback for general nonlinear dynamic systems*, Automatica 36 (2000).
-
-    Parameters
-    ----------
-    wobble
-        Amplitude of the wobble over the range of the stretch [-].
-    period
-        Of the wobble, in periods of the carriage [-].
-    gain
-        Rate of the stretch over its range, per slope of the logarithm and period of the carriage.
     """
 
-    def __init__(
-        self, scene: Scene, wobble: float = 0.07, period: float = 8.0, gain: float = 0.03
-    ) -> None:
-        for name, value in (("wobble", wobble), ("period", period), ("gain", gain)):
-            require_number(name, value, np.finfo(np.float64).tiny)
-        self.name = f"extremum seeking, gain {gain:.2g}"
+    name = f"extremum seeking, gain {GAIN:.2g}"
+
+    def __init__(self, scene: Scene) -> None:
         self.command = Command(scene, "stretch")
         step, scope = scene.control.time_step, self.command.high - self.command.low
-        frequency = np.sqrt(scene.carriage.stiffness / scene.carriage.mass)
-        self.frequency = frequency
-        self.turn = step * frequency / period  # of the wobble in a step [rad]
-        self.wobble = wobble * scope
-        self.gain = gain * step * frequency / (2.0 * np.pi) * scope / wobble
+        self.frequency = frequency = np.sqrt(scene.carriage.stiffness / scene.carriage.mass)
+        self.turn = step * frequency / PERIOD  # of the wobble in a step [rad]
+        self.wobble = WOBBLE * scope
+        self.gain = GAIN * step * frequency / (2.0 * np.pi) * scope / WOBBLE
         self.forget = np.exp(-step * frequency / (2.0 * np.pi))  # averages over a period
 
     def begin(self, lanes: int) -> Memory:

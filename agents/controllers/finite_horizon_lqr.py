@@ -31,8 +31,8 @@ class FiniteHorizonLQR(Law):
 
     name = "finite-horizon LQR"
 
-    def __init__(self, scene: Scene, stretch: float | None = None) -> None:
-        (self.states, a, b, own), steps = problem_of(scene, stretch), scene.control.steps
+    def __init__(self, scene: Scene) -> None:
+        (self.states, a, b, own), steps = problem_of(scene), scene.control.steps
         if steps > MOST_STEPS:
             msg = (
                 f"control.steps: got {steps}; allowed for a finite-horizon LQR: at most "

@@ -51,9 +51,10 @@ class LinearPrediction:
 
     name = "linear prediction of the force"
 
-    def __init__(self, scene: Scene, memory: float = 0.98) -> None:
-        self.observer, self.memory = ForceObserver(scene), memory
-        self.step = scene.control.time_step
+    KEPT = 0.98  # of the sums of squares in a control step
+
+    def __init__(self, scene: Scene) -> None:
+        self.observer, self.step = ForceObserver(scene), scene.control.time_step
 
     def begin(self, lanes: int) -> Memory:
         return {
@@ -70,7 +71,7 @@ class LinearPrediction:
         before, middle, after = forces.T
         new = np.column_stack([middle * (before + after), 2.0 * middle**2])
         whole, products = seen >= forces.shape[1], memory["products"]
-        products = chosen(whole, self.memory * products + new, products)
+        products = chosen(whole, self.KEPT * products + new, products)
         with np.errstate(divide="ignore", invalid="ignore"):
             cosine = products[:, 0] / products[:, 1]
         frequency = np.arccos(np.clip(cosine, -1.0, 1.0)) / self.step
@@ -87,12 +88,12 @@ class ShortTimeFourier:
 
     name = "short-time Fourier transform"
 
-    def __init__(
-        self, scene: Scene, band: tuple[float, float], window: float = 0.5, lines: int = 64
-    ) -> None:
+    WINDOW, LINES = 0.5, 64  # [s], and frequencies
+
+    def __init__(self, scene: Scene, band: tuple[float, float]) -> None:
         step, self.observer = scene.control.time_step, ForceObserver(scene)
-        self.length = max(4, round(window / step))
-        self.frequencies = np.linspace(*band, lines)
+        self.length = max(4, round(self.WINDOW / step))
+        self.frequencies = np.linspace(*band, self.LINES)
         time = step * np.arange(self.length)
         self.wave = np.hanning(self.length) * np.exp(-1j * np.outer(self.frequencies, time))
 

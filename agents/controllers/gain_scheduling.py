@@ -20,12 +20,7 @@ LINEAR, CUBIC = "carriage.linear_coefficient", "carriage.cubic_coefficient"
 class Schedule:
     """The LQR's gains over the stiffness of the carriage.
 
-    Parameters
-    ----------
-    scene
-        The scene that is controlled.
-    stiffnesses
-        (n,) rising [N/m]: where regulators are designed; between them gains are interpolated.
+    Regulators are designed at stiffnesses (n,), rising [N/m]; between them gains are interpolated.
     """
 
     def __init__(self, scene: Scene, stiffnesses: Array) -> None:
@@ -50,16 +45,7 @@ class GainScheduledLQR(Law):
 
     Over a harmonic motion of amplitude A the cubic spring has the stiffness κ of a linear one,
     k1 times linear coefficient + 3/4 cubic coefficient A², with A² = x1² + m1 v1² / κ. Khalil,
-    *Nonlinear Systems*, 3rd ed. (2002), sections 7.2 and 12.5.
-
-    Parameters
-    ----------
-    scene
-        The scene that is controlled.
-    schedule
-        Its regulators.
-    factor
-        Of their gains.
+    *Nonlinear Systems*, 3rd ed. (2002), sections 7.2 and 12.5. The factor is of all gains.
     """
 
     def __init__(self, scene: Scene, schedule: Schedule, factor: float) -> None:

@@ -1,6 +1,5 @@
 """The H-infinity controller: the least amplification at the worst frequency."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import NamedTuple
@@ -17,7 +16,6 @@ from agents.controllers.lqr import hidden_mode, state_weight
 from agents.controllers.registry import Entry, without_weight
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
-from mm_gym.errors import suggest
 
 NOISE = 0.3
 """Size of the sensors' noise over each channel's scale: it is weighed against the disturbance."""
@@ -54,16 +52,16 @@ class HInfinityDesign:
     bound: float
 
 
-def design_h_infinity(scene: Scene, channels: Sequence[str] | None = None) -> HInfinityDesign:
+def design_h_infinity(scene: Scene) -> HInfinityDesign:
     """Design the controller of the sampled plant, with lag and delay among its states.
 
     The costs are the terms of the scene's reward, of which each has the root of its weight. The
     disturbance is a force of the actuator's limit, or the ground acceleration that has its effect
     if all of the scene's excitation moves the ground; in addition each sensor has noise. Measured
-    are channels that are observed, by default those of the carriage. Raise `DesignError` if there
-    is no force, it is commanded by its rate or costs nothing, nothing of the carriage is observed,
-    or no controller exists: the force does not stabilise what the cost shows, or the sensors do not
-    show it; `gymnasium.error.DependencyNotInstalled` without Slycot (extra: robust).
+    are the channels of the carriage. Raise `DesignError` if there is no force, it is commanded by
+    its rate or costs nothing, nothing of the carriage is observed, or no controller exists: the
+    force does not stabilise what the cost shows, or the sensors do not show it;
+    `gymnasium.error.DependencyNotInstalled` without Slycot (extra: robust).
 
     Notes
     -----
@@ -73,7 +71,7 @@ def design_h_infinity(scene: Scene, channels: Sequence[str] | None = None) -> HI
     control step to continuous time and back, and keeps the amplification.
     """
     force_weight(scene)
-    system, measured = _plant(scene, channels)
+    system, measured = _plant(scene)
     generalised = _generalised(scene, system, measured)
     count = len(measured)
     require_detectable(generalised.A, generalised.C[-count:])
@@ -147,19 +145,10 @@ def sampled(system: Matrices) -> Matrices:
     return bilinear(system, -1.0)
 
 
-def _plant(scene: Scene, channels: Sequence[str] | None) -> tuple[LinearSystem, list[str]]:
+def _plant(scene: Scene) -> tuple[LinearSystem, list[str]]:
     """Return the sampled plant from force and disturbance, and the names of what is measured."""
     plant = plant_of(scene)
     measured = [name for name in plant.channels if name.startswith("carriage_")]
-    if channels is not None:
-        measured = [name for name in plant.channels if name in channels]
-    unknown = sorted(set(channels or ()) - set(measured))
-    if unknown:
-        msg = (
-            f"channels: got {unknown[0]!r}{suggest(unknown[0], plant.channels)}; allowed, as they "
-            f"are observed: {', '.join(plant.channels)}"
-        )
-        raise DesignError(msg)
     if not measured:
         names = ", ".join(plant.channels)
         msg = f"sensors.channels: got {names}; allowed for H-infinity: at least one of the carriage"
@@ -197,8 +186,8 @@ class HInfinity(Controller):
 
     name = "H-infinity"
 
-    def __init__(self, scene: Scene, channels: Sequence[str] | None = None) -> None:
-        self.design = design_h_infinity(scene, channels)
+    def __init__(self, scene: Scene) -> None:
+        self.design = design_h_infinity(scene)
         self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs[4:]])
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:

@@ -58,11 +58,7 @@ class LQGDesign:
 
 
 def design_lqg(
-    scene: Scene,
-    stretch: float | None = None,
-    unmodelled: float = UNMODELLED,
-    *,
-    wandering: bool = False,
+    scene: Scene, *, unmodelled: float = UNMODELLED, wandering: bool = False
 ) -> LQGDesign:
     """Solve both Riccati equations for a scene's reward, sensors and random excitation.
 
@@ -82,11 +78,10 @@ def design_lqg(
     require_number("unmodelled", unmodelled)
     plant = plant_of(scene)
     channels = tuple(channel for channel in plant.channels if channel != "stretch")
-    at = None if stretch is None else {"initial.stretch": stretch}
-    system = plant.state_space(["force"], channels, sampled=True, at=at)
+    system = plant.state_space(["force"], channels, sampled=True)
     if wandering:
         system = _with_wandering_phases(scene, system)
-    regulated, gain, riccati, curvature = regulator(plant, scene, at, system)
+    regulated, gain, riccati, curvature = regulator(plant, scene, None, system)
     noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
     shown = [channel for channel in plant.observed if channel.name in channels]
     floor = [(FLOOR / channel.factor) ** 2 for channel in shown]
@@ -103,7 +98,7 @@ def design_lqg(
 
 
 def design_filter(
-    scene: Scene, at: dict[str, float] | None = None, unmodelled: float = 1e-3
+    scene: Scene, at: dict[str, float] | None = None, unmodelled: float = UNMODELLED
 ) -> tuple[LinearSystem, Array]:
     """Return the plant that nothing actuates, and the stationary gain (n, p) of its Kalman filter.
 
@@ -345,10 +340,8 @@ class LQG(Controller):
 
     name = "LQG"
 
-    def __init__(
-        self, scene: Scene, stretch: float | None = None, unmodelled: float = UNMODELLED
-    ) -> None:
-        self.design = design_lqg(scene, stretch, unmodelled)
+    def __init__(self, scene: Scene, unmodelled: float = UNMODELLED) -> None:
+        self.design = design_lqg(scene, unmodelled=unmodelled)
         self.limit = Command(scene, "force").high
         self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs])
 

@@ -118,33 +118,29 @@ class Problem(NamedTuple):
 def problem_of(scene: Scene, stretch: float | None = None, also: Array | None = None) -> Problem:
     """Return what a regulator of the force is designed for, at a stretch of the springs.
 
-    Its states are those of the cost, and of other quantities (q, 4) that are linear in the state.
-    Raise `DesignError` as for `quadratic_cost`.
-    """
-    plant, cost = plant_of(scene), quadratic_cost(scene, stretch)
-    shown = cost.state if also is None else np.vstack([cost.state, also])
-    states = states_that_matter(plant.linear(stretch)[0], shown)
-    a, b = plant.discrete(stretch)
-    return Problem(states, a[np.ix_(states, states)], b[list(states), :1], cost.of(states))
-
-
-def quadratic_cost(scene: Scene, stretch: float | None = None) -> Quadratic:
-    """Return the cost of x1, x2, v1, v2 at a step's end and of the force that is held in it.
-
-    Accelerations are linear in both: a1 and a2 are the third and fourth rows of A x + B u, and the
-    force between the masses is m2 a2. What disturbs the plant is left out. Raise `DesignError` if
-    the motion has no weight, or as for `force_weight`.
+    Its states are those of the cost, and of other quantities (q, 4) that are linear in the state,
+    and those that move them. The cost is of x1, x2, v1, v2 at a step's end and of the force that is
+    held in it. Accelerations are linear in both: a1 and a2 are the third and fourth rows of A x + B
+    u, and the force between the masses is m2 a2. What disturbs the plant is left out. Raise
+    `DesignError` if the motion has no weight, or as for `force_weight`.
     """
     weight = np.zeros((5, 5))
     weight[4, 4] = force_weight(scene)
     weight[:4, :4] = motion_weight(scene)
-    reactions = reaction_weights(scene)
+    plant, reactions = plant_of(scene), reaction_weights(scene)
+    a, b = plant.linear(stretch)
     if any(reactions):
-        a, b = plant_of(scene).linear(stretch)
         for row, squared in zip(np.hstack([a, b])[2:], reactions, strict=True):
             weight += squared * np.outer(row, row)
     _require_weight(weight[:4, :4])
-    return Quadratic(weight[:4, :4], weight[:4, 4:], weight[4:, 4:])
+    shown = weight[:4, :4] if also is None else np.vstack([weight[:4, :4], also])
+    matters = shown.any(axis=0) | np.array([True, False, True, False])
+    for _ in matters:  # what moves one of them matters too
+        matters = matters | a[matters].any(axis=0)
+    states = tuple(int(i) for i in np.flatnonzero(matters))
+    cost = Quadratic(weight[:4, :4], weight[:4, 4:], weight[4:, 4:]).of(states)
+    a, b = plant.discrete(stretch)
+    return Problem(states, a[np.ix_(states, states)], b[list(states), :1], cost)
 
 
 def reaction_weights(scene: Scene) -> tuple[float, float]:
@@ -196,14 +192,6 @@ def _require_weight(weight: Array) -> None:
             "greater than 0, for a motion to keep small"
         )
         raise DesignError(msg)
-
-
-def states_that_matter(a: Array, weight: Array) -> tuple[int, ...]:
-    """Return the states with a weight in the reward, and those that move one of them."""
-    matters = weight.any(axis=0) | np.array([True, False, True, False])
-    for _ in range(len(a)):
-        matters = matters | a[matters].any(axis=0)
-    return tuple(int(i) for i in np.flatnonzero(matters))
 
 
 def hidden_mode(a: Array, c: Array) -> complex | None:

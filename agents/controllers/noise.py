@@ -18,11 +18,13 @@ CORRELATION = 0.6
 HALF = 64
 
 
-def correlated(noise: np.random.Generator, shape: tuple[int, ...]) -> Array:
+def correlated(
+    noise: np.random.Generator, shape: tuple[int, ...], by: float = CORRELATION
+) -> Array:
     """Return standard normal numbers of a shape (steps, ...), correlated from step to step."""
     drawn = noise.standard_normal(shape)
     for i in range(1, len(drawn)):
-        drawn[i] = CORRELATION * drawn[i - 1] + np.sqrt(1.0 - CORRELATION**2) * drawn[i]
+        drawn[i] = by * drawn[i - 1] + np.sqrt(1.0 - by**2) * drawn[i]
     return drawn
 
 

@@ -1,6 +1,5 @@
 """Predictive control: plans tried on the scene's own model, of which the best is begun."""
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -52,33 +51,6 @@ class Search:
     spread: float
     least_spread: float = 0.0
 
-    def best(
-        self, first: Array, worth: Callable[[Array], Array], drawn: Callable[[], Array]
-    ) -> Array:
-        """Return the best plan (steps, lanes, k) of the first ones and of those drawn.
-
-        Parameters
-        ----------
-        first
-            (steps, lanes, count, k) plans to begin with, the likeliest first; actions in -1 to 1.
-        worth
-            Returns the sums of rewards (lanes, plans) of plans (steps, lanes, plans, k).
-        drawn
-            Returns the noise (steps, lanes, plans, k) of a round's plans, see `Noise`.
-        """
-        rows = np.arange(first.shape[1])[:, None]
-        mean, kept = first[:, :, 0], first
-        spread = np.full(mean.shape, self.spread)
-        for _ in range(self.rounds):
-            plans = mean[:, :, None] + spread[:, :, None] * drawn()
-            plans[:, :, : kept.shape[2]] = kept
-            np.clip(plans, -1.0, 1.0, out=plans)
-            order = np.argsort(-worth(plans), axis=1)[:, : self.elite]
-            elite = plans[:, rows, order]
-            kept, mean = elite[:, :, : self.kept], elite.mean(axis=2)
-            spread = np.maximum(elite.std(axis=2), self.least_spread)
-        return kept[:, :, 0]
-
 
 SEARCH = Search(horizon=30, plans=48, elite=5, rounds=2, kept=5, spread=0.6, least_spread=0.05)
 
@@ -125,17 +97,19 @@ class PredictiveControl(Law):
         plan = np.moveaxis(memory["plan"], 1, 0)
         of_law, law = self._plan_of_law(part(memory, "law"), start, forces)
         first = [of_law, plan, *(np.full(plan.shape, value) for value in (-1.0, 0.0, 1.0))]
-        noise = memory["noise"]
-
-        def drawn() -> Array:
-            nonlocal noise
-            shape = (*plan.shape[:2], self.search.plans, self.columns)
-            found, noise = self.noise.drawn(noise, shape, axis=1)
-            return found
-
-        best = self.search.best(
-            np.stack(first, axis=2), lambda plans: self._worth(plans, start, forces), drawn
-        )
+        search, noise, rows = self.search, memory["noise"], np.arange(len(state))[:, None]
+        mean, kept, spread = of_law, np.stack(first, axis=2), np.full(plan.shape, search.spread)
+        for _ in range(search.rounds):
+            shape = (*plan.shape[:2], search.plans, self.columns)
+            drawn, noise = self.noise.drawn(noise, shape, axis=1)
+            plans = mean[:, :, None] + spread[:, :, None] * drawn
+            plans[:, :, : kept.shape[2]] = kept
+            np.clip(plans, -1.0, 1.0, out=plans)
+            order = np.argsort(-self._worth(plans, start, forces), axis=1)[:, : search.elite]
+            elite = plans[:, rows, order]
+            kept, mean = elite[:, :, : search.kept], elite.mean(axis=2)
+            spread = np.maximum(elite.std(axis=2), search.least_spread)
+        best = kept[:, :, 0]
         return best[0], {
             **joined(forecast=forecast, law=law),
             "begun": np.ones_like(memory["begun"]),

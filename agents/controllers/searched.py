@@ -18,7 +18,7 @@ from agents.control.controller import Law, StateSource
 from agents.control.feedback import Feedback
 from agents.control.observed_state import ObservedState
 from agents.controllers.registry import Tunable
-from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, evaluate, validation_cost
+from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, validation_cost
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
 
@@ -111,13 +111,7 @@ def trials(
 
     def cost(coordinates: Array) -> float:
         found = next(costs, None)
-        if found is not None:
-            return found
-        try:
-            found = validation_cost(scene, tunable.design(scene, tunable.at(scene, coordinates)))
-        except DesignError:
-            return REFUSED
-        return min(found, REFUSED) if np.isfinite(found) else REFUSED
+        return _cost_of(scene, tunable, tunable.at(scene, coordinates)) if found is None else found
 
     yield first, cost(first)
     done = 1
@@ -162,10 +156,15 @@ def finalists(costs: Sequence[float]) -> list[int]:
 
 def further_cost(scene: Scene, tunable: Tunable, numbers: Mapping[str, float]) -> float:
     """Return the cost of a design on the further validation episodes [-]."""
+    seed = VALIDATION_SEED + VALIDATION_EPISODES
+    return _cost_of(scene, tunable, numbers, seed=seed, episodes=FURTHER)
+
+
+def _cost_of(
+    scene: Scene, tunable: Tunable, numbers: Mapping[str, float], **episodes: int
+) -> float:
     try:
-        controller = tunable.design(scene, numbers)
+        found = validation_cost(scene, tunable.design(scene, numbers), **episodes)
     except DesignError:
         return REFUSED
-    seed = VALIDATION_SEED + VALIDATION_EPISODES
-    found = evaluate(scene, controller, seed=seed, episodes=FURTHER).cost
-    return found if np.isfinite(found) else REFUSED
+    return min(found, REFUSED) if np.isfinite(found) else REFUSED

@@ -184,36 +184,23 @@ class Balance(SemiActive):
         return -self.gain * stiffness * (linear + cubic * stroke**2) * stroke
 
 
-def _best(
-    switching: Switching,
-    switched: Callable[[Scene, float], Law],
-    followed: Callable[[Scene, float], Law],
-) -> Callable[[Scene], Feedback]:
+def best(what: Hooked | Literal["balance"], switching: Switching) -> Callable[[Scene], Feedback]:
     """Return what searches the damping of an on-off law, or the gain of a continuous one."""
+
+    def made(scene: Scene, **number: float) -> Law:
+        if what == "balance":
+            return Balance(scene, switching, **number)
+        return Hook(scene, what, switching, **number)
+
+    def followed(scene: Scene, ratio: float) -> Law:
+        k1, m1 = nominal(scene, "carriage.stiffness"), nominal(scene, "carriage.mass")
+        units = {"balance": 1.0, "displacement groundhook": k1}
+        return made(scene, gain=units.get(what, 2.0 * np.sqrt(k1 * m1)) * ratio)
+
     if switching == "continuous":
         return over_decades(followed)
     return lambda scene: searched(
-        scene, lambda on: switched(scene, on), grid(scene, "damping")[2::2]
-    )
-
-
-def best_hook(what: Hooked, switching: Switching) -> Callable[[Scene], Feedback]:
-    """Return what searches the damping or the gain of a skyhook or groundhook."""
-
-    def followed(scene: Scene, ratio: float) -> Hook:
-        k1, m1 = nominal(scene, "carriage.stiffness"), nominal(scene, "carriage.mass")
-        unit = k1 if what == "displacement groundhook" else 2.0 * np.sqrt(k1 * m1)
-        return Hook(scene, what, switching, gain=unit * ratio)
-
-    return _best(switching, lambda scene, on: Hook(scene, what, switching, on=on), followed)
-
-
-def best_balance(switching: Switching) -> Callable[[Scene], Feedback]:
-    """Return what searches the damping or the gain of the balance."""
-    return _best(
-        switching,
-        lambda scene, on: Balance(scene, switching, on=on),
-        lambda scene, gain: Balance(scene, switching, gain=gain),
+        scene, lambda on: made(scene, on=on), grid(scene, "damping")[2::2]
     )
 
 
@@ -227,12 +214,7 @@ def damper_entry(
 
 
 ENTRIES = tuple(
-    damper_entry(what, switching, make, 40 + k)
+    damper_entry(what, switching, best(what, switching), 40 + k)
     for switching in SWITCHINGS
-    for k, (what, make) in enumerate(
-        [
-            *((hook, best_hook(hook, switching)) for hook in get_args(Hooked)),
-            ("balance", best_balance(switching)),
-        ]
-    )
+    for k, what in enumerate([*get_args(Hooked), "balance"])
 )

@@ -28,12 +28,10 @@ class VelocityFeedback(Law):
         return np.clip(-self.gain * state[:, 2:3], -1.0, 1.0), memory
 
 
-def over_critical(scene: Scene, ratio: float) -> VelocityFeedback:
-    """Return the damper of a ratio to the carriage's critical damping."""
-    critical = 2.0 * np.sqrt(scene.carriage.mass * scene.carriage.stiffness)
-    return VelocityFeedback(scene, critical * ratio)
-
-
-best_velocity_feedback = over_decades(over_critical)
+best_velocity_feedback = over_decades(  # of the carriage's critical damping
+    lambda scene, ratio: VelocityFeedback(
+        scene, 2.0 * np.sqrt(scene.carriage.mass * scene.carriage.stiffness) * ratio
+    )
+)
 
 ENTRIES = (Entry("velocity-feedback", ("force",), best_velocity_feedback, 11),)

@@ -9,7 +9,6 @@ rliable. Arrays (..., tasks, seeds) hold a score for each task and seed; the axe
 resamples.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -189,8 +188,3 @@ def proportion(successes: int, trials: int) -> Estimate:
     low = beta.ppf(0.025, successes, failures + 1) if successes else 0.0
     high = beta.ppf(0.975, successes + 1, failures) if failures else 1.0
     return Estimate(successes / trials, float(low), float(high))
-
-
-def stacked(tasks: Sequence[Array]) -> Array:
-    """Return the scores (..., tasks, seeds) of tasks that are given one by one (..., seeds)."""
-    return np.stack(tasks, axis=-2)

@@ -13,7 +13,6 @@ from agents.evaluation.aggregates import (
     interquartile_mean,
     performance_profile,
     probability_of_improvement,
-    stacked,
 )
 from agents.evaluation.contestants import Episodes
 from agents.evaluation.headroom import least_cost
@@ -93,7 +92,10 @@ def conclude(
     resampled = [result.sample.resampled(generator) for result in results]
     known = [best_known(result.task, scenes[result.task]) for result in results]
     tables = {
-        result.task: _table(result, drawn, ratio)
+        result.task: sorted(
+            (_row(result, k, drawn, ratio) for k in range(len(result.labels))),
+            key=lambda row: row.cost.value,
+        )
         for result, drawn, ratio in zip(results, resampled, known, strict=True)
     }
     ratios = [ratio for ratio in known if ratio is not None]
@@ -110,11 +112,6 @@ def scores_of(means: Array, constant: Array, ratio: float) -> Array:
     need not be these.
     """
     return (1.0 - np.sqrt(means / constant)) / (1.0 - ratio)
-
-
-def _table(result: TaskResult, drawn: Array, ratio: float | None) -> list[Row]:
-    rows = [_row(result, k, drawn, ratio) for k in range(len(result.labels))]
-    return sorted(rows, key=lambda row: row.cost.value)
 
 
 def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
@@ -165,7 +162,6 @@ def _change(result: TaskResult, k: int, drawn: Array) -> Estimate | None:
 def _overall(
     results: Sequence[TaskResult], resampled: Sequence[Array], ratios: Sequence[float]
 ) -> list[Overall]:
-    """Return the aggregates of the controllers that were on all tasks."""
     indices = {
         label: [result.labels.index(label) for result in results]
         for label in results[0].labels
@@ -181,7 +177,7 @@ def _overall(
             means = result.sample.penalties.mean(axis=2)
             measured.append(scores_of(means[k], means[result.reference], ratio))
             resamples.append(scores_of(draws[k], draws[result.reference], ratio))
-        scores[label], drawn[label] = stacked(measured), stacked(resamples)
+        scores[label], drawn[label] = np.stack(measured, axis=-2), np.stack(resamples, axis=-2)
     first = results[0].sample
     trained = {label: bool(first.trained[rows[0]]) for label, rows in indices.items()}
     found = [

@@ -333,7 +333,5 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
     record = run.read()
     if record["scene_digest"] != scene.digest:  # its base is the one that it was trained with
         scene = run.scene()
-    acts = {name: record["settings"].get(name) for name in ("base", "authority")}
-    acts = {name: value for name, value in acts.items() if value is not None}
-    parts = recorded_parts(scene, acts, trust=False)  # its own reward has no part in its actions
-    return agent_of(run, parts, name)
+    settings = record["settings"] | {"reward": None}  # which has no part in its actions
+    return agent_of(run, recorded_parts(scene, settings, trust=False), name)

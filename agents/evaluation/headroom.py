@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.control.controller import Controller
 from agents.control.feedback import Feedback
-from agents.controllers.constant import ConstantAction, best_constant, constant_stretch, no_control
+from agents.controllers.constant import ConstantAction, best_constant, held, no_control
 from agents.controllers.noise import RandomActions
 from agents.controllers.predictive_control import predictive_control
 from agents.controllers.registry import Tunable, entries
@@ -196,7 +196,7 @@ def passive_rows(scene: Scene) -> list[Row]:
         passive, stretch = passive_scene(scene)
     except DesignError:
         return []
-    law = no_control(passive) if stretch is None else constant_stretch(passive, stretch)
+    law = no_control(passive) if stretch is None else held(passive, "stretch", stretch)
     assert passive.interface.kind == "viscous"  # noqa: S101 - as it was tuned
     law.name = f"best passive damper, {passive.interface.damping:.2g} N s/m"
     law.name += "" if stretch is None else f", stretch {stretch:.3f}"

@@ -93,7 +93,6 @@ class LocalSearch:
         return costs
 
     def _applied(self, plans: Array) -> Array:
-        """Return what plans apply (steps, episodes, k)."""
         steps = self._steps(np.tile(plans, CHILDREN))
         return np.array([info["applied"][: self.count].copy() for _, _, info in steps])
 
@@ -107,7 +106,6 @@ class LocalSearch:
                 self.env.reset(options={"reset_mask": terminated})
 
     def _part(self, plans: Array) -> Part:
-        """Return a random part of each plan."""
         steps, columns, lanes = plans.shape
         longest = np.log(max(2.0, LONGEST * steps))
         length = np.exp(self.noise.uniform(0.0, longest, lanes)).astype(np.int64)
@@ -126,7 +124,6 @@ class LocalSearch:
         return plans + size * np.sin(np.pi * (part.elapsed + 0.5) / part.length)
 
     def _scattered(self, plans: Array, part: Part) -> Array:
-        """Return plans with white noise added."""
         return plans + self._sizes(plans.shape[2]) * self.noise.standard_normal(plans.shape)
 
     def _held(self, plans: Array, part: Part) -> Array:
@@ -137,7 +134,6 @@ class LocalSearch:
         return np.broadcast_to(np.where(at_limit, np.sign(value), value), plans.shape)
 
     def _moved(self, plans: Array, part: Part) -> Array:
-        """Return plans some steps earlier or later."""
         steps, _, lanes = plans.shape
         by = self.noise.integers(1, FURTHEST + 1, lanes) * self.noise.choice((-1, 1), lanes)
         return np.take_along_axis(plans, (np.arange(steps)[:, None, None] - by) % steps, axis=0)

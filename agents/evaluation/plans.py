@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.control.controller import Controller, Memory, Reads
 from agents.control.trajectories import Trajectories, Trajectory
+from agents.controllers.noise import correlated
 from agents.evaluation.local_search import LocalSearch
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array, Single
@@ -147,7 +148,6 @@ class Planner(Controller):
         self._go_on({n: np.clip(plan, -1.0, 1.0) for n, plan in plans.items()}, self.effort.steps)
 
     def _go_on(self, plans: Mapping[str, Array], steps: int) -> None:
-        """Improve plans, and keep those that are better than the best."""
         found = self._improved(plans, steps)
         count = self.controls.shape[2]
         for k, name in enumerate(plans):
@@ -160,7 +160,7 @@ class Planner(Controller):
         self._take(found.controls, found.actions, found.cost, origins)
 
     def _take(self, controls: Array, actions: Array, cost: Array, origins: list[str]) -> None:
-        """Keep the plans of the lanes in which they are better than the best."""
+        """Keep plans in the lanes in which they are better than the best."""
         better = cost < self.cost
         self.controls = np.where(better, controls, self.controls)
         self.actions = np.where(better, actions, self.actions)
@@ -174,11 +174,7 @@ class Planner(Controller):
         return self.problem.improve(episodes, together, steps)
 
     def _drawn(self, correlation: float) -> Array:
-        """Return noise like the controls, of unit variance, correlated from step to step."""
-        noise = self.noise.standard_normal(self.controls.shape)
-        for k in range(1, len(noise)):
-            noise[k] = correlation * noise[k - 1] + np.sqrt(1.0 - correlation**2) * noise[k]
-        return noise
+        return correlated(self.noise, self.controls.shape, correlation)
 
     def _window(self) -> Array:
         """Return 1 in a random part of each episode, from a twentieth to a third of it, else 0."""

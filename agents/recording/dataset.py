@@ -72,7 +72,6 @@ def free_id(wanted: str, *, new_version: bool) -> str:
 
 
 def _newest_version(name: str) -> int | None:
-    """Return the newest version of a dataset that there is, or None."""
     folder = get_dataset_path(name).parent
     pattern = re.compile(re.escape(Path(name).name) + r"-v(\d+)", re.ASCII)
     matches = [pattern.fullmatch(path.name) for path in folder.glob("*")]
@@ -94,7 +93,9 @@ def write(
     # Minari joins a relative path to itself when it measures the size of a dataset.
     root, target = get_dataset_path().absolute(), get_dataset_path(dataset_id).absolute()
     try:
-        _make_namespace(dataset_id)
+        namespace = dataset_id.rpartition("/")[0]
+        if namespace and namespace not in list_local_namespaces():
+            create_namespace(namespace)
         # Next to the target: a rename cannot move from one file system to another.
         with tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder:
             whole = Path(folder, "dataset")
@@ -121,12 +122,6 @@ def write(
         msg = f"{dataset_id}: cannot be written at {target}: {reason}"
         raise DatasetError(msg) from error
     return minari.load_dataset(dataset_id)
-
-
-def _make_namespace(dataset_id: str) -> None:
-    namespace = dataset_id.rpartition("/")[0]
-    if namespace and namespace not in list_local_namespaces():
-        create_namespace(namespace)
 
 
 def _buffer(episode: Episode) -> EpisodeBuffer:

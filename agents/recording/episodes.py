@@ -82,7 +82,6 @@ def play(
 def _play_batch(
     env: MovingMassVectorEnv, controller: Controller, seeds: list[int], exploration: Exploration
 ) -> list[Episode]:
-    """Play one episode a lane."""
     rollout = Rollout(env, controller, seed=seeds, changed=exploration.applied_to)
     starts = [(rollout.observation, rollout.info["state"], rollout.info["applied"])]
     steps, length = [], np.zeros(len(seeds), np.int64)

@@ -37,10 +37,10 @@ EFFORT = Effort(random=1, kept=1, first=5, second=12, rounds=0, searches=0, last
 class Curve:
     """The validations of one training."""
 
-    # steps, seconds, costs: (validations,) control steps of all lanes [-], time [s] and cost [-].
+    # steps, costs, seconds: (validations,) control steps of all lanes [-], cost [-] and time [s].
     steps: Array
-    seconds: Array
     costs: Array
+    seconds: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +206,8 @@ def trainings_of(
     curves: dict[str, list[Curve]] = {}
     for trial, agent in zip(trials, _trained(trials, folder), strict=True):
         agents.setdefault(algorithm_of(trial), []).append(agent)
-        curves.setdefault(algorithm_of(trial), []).append(_curve(Run(trial.name, folder)))
+        curve = Curve(*Run(trial.name, folder).validations())
+        curves.setdefault(algorithm_of(trial), []).append(curve)
     trainings = [
         Trainings(name, [evaluate(scene, one, episodes=EPISODES) for one in own], curves[name])
         for name, own in agents.items()
@@ -231,11 +232,6 @@ def _trained(trials: Sequence[RunSettings], folder: Path) -> list[Controller]:
             parts[same] = make_parts(trial)
         found.append(parts[same].controller(policy, trial.name))
     return found
-
-
-def _curve(run: Run) -> Curve:
-    steps, costs, seconds = run.validations()
-    return Curve(steps, seconds, costs)
 
 
 def _slopes(scene: Scene, agent: Controller) -> Array | None:

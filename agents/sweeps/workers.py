@@ -93,7 +93,6 @@ def _work(text: str, folder: str, call: Connection) -> None:
 
 
 def _done(text: str, folder: str) -> str | None:
-    """Do a training; return what went wrong, if anything did."""
     try:
         do_trial(text, folder)
     except Exception as error:  # noqa: BLE001 - one training's errors do not stop the others

@@ -199,7 +199,6 @@ def _obstacles(scene: Scene, shown: Shown) -> Iterator[str]:
 
 
 def _obstacles_of_excitation(scene: Scene) -> Iterator[str]:
-    """Yield the same of its excitation."""
     others = sorted({part.kind for part in scene.excitation} - {"impulse"})
     if others:
         yield f"excitation: got {', '.join(others)}; allowed for value iteration: impulse, or none"

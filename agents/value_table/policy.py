@@ -87,11 +87,6 @@ NUMBERS = ("travel", "is_rate")
 """What a file holds other than the table: as arrays, and in its JSON text."""
 
 
-def is_table(arrays: Arrays) -> bool:
-    """Tell whether the arrays of a file are those of such a policy."""
-    return "after" in arrays
-
-
 class Description(Document):
     """What the file of a table says in JSON."""
 

@@ -15,7 +15,6 @@ from agents.evaluation.aggregates import (
     probability_of_improvement,
     proportion,
     shared_episodes,
-    stacked,
 )
 from agents.scoring import tail_mean
 
@@ -99,7 +98,8 @@ def test_intervals_of_the_interquartile_mean_over_tasks_cover_the_truth():
     for _ in range(RUNS // 2):
         parts = [simulated(generator, 5, 10, 0.2) for _ in range(3)]
         draws = [Sample(part, np.array([True])).resampled(generator, 200)[0] for part in parts]
-        rows, drawn = stacked([part[0].mean(axis=1) for part in parts]), stacked(draws)
+        rows = np.stack([part[0].mean(axis=1) for part in parts], axis=-2)
+        drawn = np.stack(draws, axis=-2)
         found = estimate(
             float(interquartile_mean(rows)),
             interquartile_mean(drawn),

@@ -9,7 +9,7 @@ from agents.commands.evaluate import main
 from agents.control.feedback import Feedback, TrueState
 from agents.control.model import Model
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
-from agents.controllers.constant import constant_damping, uncontrolled
+from agents.controllers.constant import held, uncontrolled
 from agents.controllers.learned import Learned
 from agents.controllers.registry import laws, obstacle
 from agents.controllers.tuned import classical_laws
@@ -103,10 +103,10 @@ def test_force_is_that_of_the_damper_in_motion():
 
 def test_it_costs_less_than_every_constant_voltage():
     """Also the best in hindsight; between 0 and 1 V lies the optimum (docs/controllers.md)."""
-    held = [constant_damping(SCENE, voltage) for voltage in (*np.linspace(0.0, 1.0, 9), MOST)]
+    constant = [held(SCENE, "voltage", v) for v in (*np.linspace(0.0, 1.0, 9), MOST)]
     *constant, cost = (
         evaluate(SCENE, Feedback(SCENE, law), episodes=40).cost
-        for law in (*held, ClippedVoltage(SCENE, WEIGHT))
+        for law in (*constant, ClippedVoltage(SCENE, WEIGHT))
     )
     assert 0 < np.argmin(constant) < len(constant) - 2
     assert cost < 0.92 * min(constant)

@@ -10,7 +10,7 @@ from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
 from agents.control.controller import Controller
 from agents.control.feedback import Feedback
-from agents.controllers.constant import ConstantForce, Held, no_control
+from agents.controllers.constant import Held, no_control
 from agents.controllers.lqr import LQR
 from agents.controllers.noise import RandomActions
 from agents.scoring import HELD_OUT_SEED, evaluate, limit_penalty
@@ -100,7 +100,8 @@ CRASHES = (20, 40, 60, 80, 95)
 def test_no_early_end_is_better_than_an_episode_within_the_limits() -> None:
     scene = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.012})
     # 2.8 N: 7 mm for good, which costs much more than to regulate and to crash at last.
-    laws = [no_control(scene), LQR(scene), ConstantForce(scene, 2.8), ConstantForce(scene, 2.0)]
+    pushes = [Held(scene, "force", force) for force in (2.8, 2.0)]
+    laws = [no_control(scene), LQR(scene), *pushes]
     results = [
         evaluate(scene, controller, episodes=40)
         for controller in [
@@ -130,14 +131,14 @@ def test_leaving_the_rail_costs_as_much_as_the_limits_allow() -> None:
     # Without a weight of the stroke the last step before the sphere leaves the rail costs nearly
     # nothing. A unit of displacement and 0.1 units of velocity at their scales, 0.01 of the action:
     assert limit_penalty(scene) == pytest.approx(1.11, rel=1e-15)
-    result = evaluate(scene, Feedback(scene, ConstantForce(scene, 0.4)), episodes=100)
+    result = evaluate(scene, Feedback(scene, Held(scene, "force", 0.4)), episodes=100)
     ended = result.returns > -scene.control.steps * result.penalties + 1e-9
     assert ended.any()
     assert result.penalties[ended].min() > limit_penalty(scene)
 
 
 def test_the_penalty_of_an_early_end_is_that_of_its_definition() -> None:
-    law = Feedback(LIMITED, ConstantForce(LIMITED, 4.0))
+    law = Feedback(LIMITED, Held(LIMITED, "force", 4.0))
     result = evaluate(LIMITED, law, episodes=3)
     limit = (0.004 / 0.01) ** 2 + 0.1 + 0.01
     for lane in range(3):

@@ -10,7 +10,7 @@ from tasks import ACTIVE_MASS_DAMPER, CARRIAGE_FORCE, TASKS
 
 from agents.commands import headroom as command
 from agents.control.feedback import Feedback
-from agents.controllers.constant import ConstantAction, constant_stretch
+from agents.controllers.constant import ConstantAction, held
 from agents.controllers.inertial_drive import INERTIAL_DRIVE
 from agents.evaluation.headroom import (
     BEST,
@@ -105,7 +105,7 @@ def test_planner_reaches_the_riccati_value_where_the_force_limit_does_not_bind(l
 
 def test_planner_is_not_worse_than_what_it_starts_from_in_any_episode() -> None:
     scene = TASKS["mm_gym/PreStretchShock-v0"].replace(**{"control.steps": 60})
-    law = evaluate(scene, Feedback(scene, constant_stretch(scene, 2.0)), episodes=8)
+    law = evaluate(scene, Feedback(scene, held(scene, "stretch", 2.0)), episodes=8)
     none = Effort(random=0, kept=1, first=1, second=1, rounds=0, searches=0, last=1)
     planned = evaluate(scene, Planner(scene, {"law": law.applied}, none), episodes=8)
     assert np.all(planned.penalties <= law.penalties * (1.0 + 1e-9))

@@ -7,7 +7,7 @@ from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH
 from agents.control.actuators import Lead
 from agents.control.observed_state import ObservedState
 from agents.controllers.clipped_lqr import ClippedLQR
-from agents.controllers.constant import ConstantForce, Held
+from agents.controllers.constant import Held
 from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.feedforward_lqr import FeedforwardLQR
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
@@ -64,7 +64,7 @@ CASES = [
     *[(law, MASSLESS, (), r"carriage\.mass") for law in (LQG, HInfinity)],
     *[(law, CARRIAGE_FORCE, (), r"actuation\.stretch: missing") for law in STRETCHING],
     (VelocityFeedback, PRE_STRETCH, (5.0,), r"actuation\.force: missing"),
-    (ConstantForce, PRE_STRETCH, (), r"actuation\.force: missing"),
+    (Held, PRE_STRETCH, ("force", 0.0), r"actuation\.force: missing"),
     (LQR, DRIFTING, (), "not stabilisable"),
     (LQG, DRIFTING, (), "no stabilising solution"),
     (LQG, CARRIAGE_FORCE_FRICTION, (), "no stabilising solution"),
@@ -85,7 +85,7 @@ CASES = [
     *[(ClippedLQR, PRE_STRETCH, (s, 1.0), "stretch: got") for s in (np.nan, 0.5)],
     *[(OnOffStiffness, PRE_STRETCH, (s,), "stretch: got") for s in (np.nan, 0.2)],
     *[(Held, PRE_STRETCH, ("stretch", s), "stretch: got .* at most 3") for s in (np.nan, 9.0)],
-    *[(ConstantForce, CARRIAGE_FORCE, (f,), "force: got .* at most 4") for f in (np.nan, 9.0)],
+    *[(Held, CARRIAGE_FORCE, ("force", f), "force: got .* at most 4") for f in (np.nan, 9.0)],
     *[(LQG, CARRIAGE_FORCE, (None, u), "unmodelled: got") for u in (np.nan, -1.0, np.inf)],
     *[(VelocityFeedback, CARRIAGE_FORCE, (g,), "gain: got") for g in (np.nan, -5.0)],
     (PhaseLaw, PRE_STRETCH, (np.nan,), "gain: got"),

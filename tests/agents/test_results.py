@@ -87,8 +87,8 @@ class TestStatistics:
     def test_curve_is_the_least_cost_so_far_up_to_the_shortest_seed(self):
         steps = np.arange(3.0)
         curves = [
-            Curve(steps, 1.0 + steps, np.array([3.0, 1.0, 2.0])),
-            Curve(steps[:2], 3.0 + steps[:2], np.array([5.0, 4.0])),
+            Curve(steps, np.array([3.0, 1.0, 2.0]), 1.0 + steps),
+            Curve(steps[:2], np.array([5.0, 4.0]), 3.0 + steps[:2]),
         ]
         seconds, costs = Trainings("ppo", [], curves).middle_curve()
         np.testing.assert_array_equal(seconds, [2.0, 3.0])
