@@ -78,7 +78,7 @@ CASES = [
     *[(LinearMPC, CARRIAGE_FORCE, (n,), "horizon: got") for n in (0, -3, 1.5, np.nan, 10**9)],
     *[
         (law, HYBRID, (stretch,), r"stretch: got")
-        for law in (LQR, LQG, FiniteHorizonLQR, FeedforwardLQR)
+        for law in (LQR, FeedforwardLQR)
         for stretch in (np.nan, 0.5, -1.0, np.inf)
     ],
     *[(ClippedLQR, PRE_STRETCH, (2.0, p), "weight: got") for p in (np.nan, -1.0, 0.0, np.inf)],
@@ -86,12 +86,9 @@ CASES = [
     *[(OnOffStiffness, PRE_STRETCH, (s,), "stretch: got") for s in (np.nan, 0.2)],
     *[(Held, PRE_STRETCH, ("stretch", s), "stretch: got .* at most 3") for s in (np.nan, 9.0)],
     *[(Held, CARRIAGE_FORCE, ("force", f), "force: got .* at most 4") for f in (np.nan, 9.0)],
-    *[(LQG, CARRIAGE_FORCE, (None, u), "unmodelled: got") for u in (np.nan, -1.0, np.inf)],
+    *[(LQG, CARRIAGE_FORCE, (u,), "unmodelled: got") for u in (np.nan, -1.0, np.inf)],
     *[(VelocityFeedback, CARRIAGE_FORCE, (g,), "gain: got") for g in (np.nan, -5.0)],
     (PhaseLaw, PRE_STRETCH, (np.nan,), "gain: got"),
-    *[(ExtremumSeeking, PRE_STRETCH, (w,), "wobble: got") for w in (np.nan, 0.0)],
-    (HInfinity, CARRIAGE_FORCE, (["carriage_acceleration"],), "channels: got 'carriage_accel"),
-    (HInfinity, CARRIAGE_FORCE, (["carriage_velocit"],), "did you mean 'carriage_velocity'"),
 ]
 
 
