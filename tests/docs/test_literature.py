@@ -20,9 +20,11 @@ JOURNALS = {"Dynamics", "Structures"}
 """Last words of journals' names that a year follows."""
 IDENTIFIED = re.compile(
     r"\(https://\S+\)|ISBN [\dX-]{13,17}\b|no DOI verified$"
-    r"|, (?:Addison-Wesley|Pearson|Wiley) \(\d{4}\)$"
+    r"|, (?:Addison-Wesley|McGraw-Hill|Pearson|Wiley) \(\d{4}\)$"
 )
 """A link (of a DOI, a preprint or a record), an ISBN, a book's publisher, or what is missing."""
+UNVERIFIED = 25
+"""Articles without a verified DOI: fewer are welcome, more need a look for it."""
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -44,6 +46,12 @@ def test_every_publication_can_be_found():
     """By a link, an ISBN or a publisher; otherwise the entry says that no DOI is known."""
     assert len(ENTRIES) > len(PAGES)
     assert [entry for entry in ENTRIES[1:] if not IDENTIFIED.search(entry)] == []
+
+
+def test_only_articles_lack_a_doi_and_no_more_than_before():
+    lacking = [entry for entry in ENTRIES[1:] if entry.endswith("no DOI verified")]
+    assert len(lacking) == UNVERIFIED
+    assert [entry for entry in lacking if not re.search(r" \d+ \(\d{4}\), no DOI", entry)] == []
 
 
 def test_a_link_to_a_doi_is_the_doi_that_is_printed():
