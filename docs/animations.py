@@ -48,7 +48,7 @@ def animate_tasks() -> None:
 
 
 def compare(act: Act) -> None:
-    """Draw the best constant stretch on the left, and an agent of PreStretch on the right."""
+    """Draw the best constant stretch, and below it an agent of PreStretch."""
     rows = json.loads((HERE / "task_scores.json").read_text("utf-8"))[f"mm_gym/{TASK}-v0"]["rows"]
     best = next(row["controller"] for row in rows if row["role"] == "constant")
     env = gymnasium.make(f"mm_gym/{TASK}-v0", render_mode="rgb_array")
@@ -61,14 +61,14 @@ def compare(act: Act) -> None:
         [_titled(one, title) for one in _pictures(env, law, LAST)[FIRST::2]]
         for title, law in titles.items()
     ]
-    _write(MOVING, [np.hstack(pair) for pair in zip(*sides, strict=True)])
+    _write(MOVING, [np.vstack(pair) for pair in zip(*sides, strict=True)])
 
 
 def _titled(picture: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
     """Return a picture with a line of text above it."""
     image = Image.new("RGB", (picture.shape[1], picture.shape[0] + 28), "white")
     image.paste(Image.fromarray(picture), (0, 28))
-    font = ImageFont.load_default(18)
+    font = ImageFont.load_default(22)
     ImageDraw.Draw(image).text((image.width // 2, 15), title, "black", font, anchor="mm")
     return np.asarray(image)
 

@@ -103,6 +103,8 @@ def prepare(*arguments: object) -> None:
     lines = arguments[-1]
     text = re.sub(r"(``.*?``)|\|", lambda m: m[1] or r"\|", "\n".join(lines), flags=re.DOTALL)
     text = re.sub(r"`?docs/([\w/-]+)\.md`?", r":doc:`\1 </\1>`", text)
+    # Written out, the types of arrays are longer than what they hold.
+    text = re.sub(r"numpy\.ndarray\[tuple\[Any, \.\.\.\], numpy\.dtype\[.*?\]\]", "array", text)
     # Sphinx would take the first of several names of attributes for a type.
     text = re.sub(r"(?m)^:ivar .*?:", lambda m: m[0].replace(", ", ",\u200b"), text)
     lines[:] = text.split("\n")
@@ -124,16 +126,34 @@ def describe_pictures(app: Sphinx, doctree: nodes.document, page: str) -> None:
                 picture.replace_self(nodes.container("", picture.deepcopy(), classes=["picture"]))
 
 
+PROSE = nodes.paragraph | nodes.emphasis | nodes.strong
+SHORT = 24  # letters of a name in a table that is not broken into lines
+
+
 def keep_numbers_whole(_app: Sphinx, doctree: nodes.document, _page: str) -> None:
     """Keep browsers from breaking 1e-14 after its sign."""
     for text in list(doctree.findall(nodes.Text)):
         pieces = re.split(r"(?<![\w.])(\d[\d.]*e-\d+)", text)
-        if len(pieces) > 1 and isinstance(text.parent, nodes.paragraph | nodes.emphasis):
+        if len(pieces) > 1 and isinstance(text.parent, PROSE):
             parts = [
                 nodes.inline("", piece, classes=["number"]) if index % 2 else nodes.Text(piece)
                 for index, piece in enumerate(pieces)
             ]
             text.parent.replace(text, parts)
+
+
+def break_names_at_their_joints(_app: Sphinx, doctree: nodes.document, _page: str) -> None:
+    """Let long names in tables go on in the next line after a joint, and short ones not at all."""
+    for name in [one for row in doctree.findall(nodes.row) for one in row.findall(nodes.literal)]:
+        text = name.astext()
+        if len(text) <= SHORT:
+            name["classes"].append("number")
+            continue
+        pieces = re.split(r"(?<=[_./:,=(-])(?=\w)", text)
+        joints = [nodes.raw("", "<wbr>", format="html") for _ in pieces]
+        name.children = []
+        for piece, joint in zip(pieces, joints, strict=True):
+            name += [nodes.Text(piece), joint]
 
 
 def check_links(app: Sphinx, error: Exception | None) -> None:
@@ -149,6 +169,7 @@ def setup(app: Sphinx) -> None:
     app.connect("autodoc-skip-member", is_position)
     app.connect("doctree-resolved", describe_pictures)
     app.connect("doctree-resolved", keep_numbers_whole)
+    app.connect("doctree-resolved", break_names_at_their_joints)
     app.connect("build-finished", check_links)
     animate_tasks()
     (HERE / "reference" / "scene-fields.md").write_text(scene_fields(), encoding="utf-8")

@@ -22,6 +22,9 @@ BOUNDS = {
     "maxLength": "at most {} characters",
 }
 
+DIGITS = 7
+"""Digits and signs of a number that is printed as it is."""
+
 Node = dict[str, object]
 
 
@@ -31,13 +34,15 @@ def scene_fields() -> str:
     parts = [HEADER]
     for name, field in schema["properties"].items():
         models = [schema["$defs"][one] for one in _references(field)]
-        parts.append(f"## {name}\n\n{_cell(field.get('description', ''))}\n")
+        parts.append(f"## {name}\n\n{_sentence(field.get('description', ''))}\n")
         for model in models:
             kind = model["properties"].get("kind", {}).get("const")
             title = f'`{name}.kind = "{kind}"`' if kind else f"`{model['title']}`"
             if len(models) > 1 or kind:
                 parts.append(f"### {title}\n")
-            parts.append(f"{_cell(model.get('description', ''))}\n\n{_table(model, schema)}\n")
+            parts.append(
+                f"{_paragraphs(model.get('description', ''))}\n\n{_table(model, schema)}\n"
+            )
     return "\n".join(parts)
 
 
@@ -88,7 +93,7 @@ def _allowed(field: Node) -> str:
         return " or ".join(dict.fromkeys(choices))
     if "enum" in field:
         return ", ".join(f"`{one}`" for one in field["enum"])
-    bounds = [text.format(field[key]) for key, text in BOUNDS.items() if key in field]
+    bounds = [text.format(_value(field[key])) for key, text in BOUNDS.items() if key in field]
     kind = {"array": "list", "object": "table"}.get(field.get("type", ""), field.get("type", ""))
     inner = field.get("items", {})
     if kind == "list" and isinstance(inner, dict) and inner:
@@ -97,11 +102,27 @@ def _allowed(field: Node) -> str:
 
 
 def _value(value: object) -> str:
-    """Return a default as a scene file writes it."""
+    """Return a value as a scene file writes it, numbers with at most six digits."""
+    if isinstance(value, float | int) and not isinstance(value, bool) and len(f"{value}") > DIGITS:
+        return f"{value:.6g}"
     return (
         {True: "true", False: "false", None: "none"}.get(value, value)
         if isinstance(value, bool | None)
         else f"{value}"
+    )
+
+
+def _sentence(text: str) -> str:
+    """Return a field's description as a sentence."""
+    text = _cell(text)
+    return f"{text[:1].upper()}{text[1:]}." if text and not text.endswith(".") else text
+
+
+def _paragraphs(text: str) -> str:
+    """Return a description with its paragraphs; a formula is set as one."""
+    parts = text.split("\n\n")
+    return "\n\n".join(
+        f"```none\n{one}\n```" if re.match(r"\w+ = ", one) else _cell(one) for one in parts
     )
 
 

@@ -53,6 +53,6 @@ positions.legend(loc="right")
 velocity.plot(times, 1e-3 * (v2 - v1))
 for limit in (-0.2, 0.2):
     velocity.axhline(limit, color="0.4", linestyle=":")
-velocity.text(0.495, 0.22, "it slips above v_r", ha="right", va="bottom")
+velocity.text(0.495, 0.22, "it slips above $v_r$", ha="right", va="bottom")
 velocity.set(xlabel="time [s]", ylabel="slip velocity [m/s]")
 plt.show()

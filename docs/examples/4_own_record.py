@@ -54,9 +54,12 @@ spectrum = response_spectrum(read_record(file, unit="m/s^2"), damping=0.05)
 figure, (left, right) = plt.subplots(
     1, 2, figsize=(7.0, 2.8), layout="constrained", width_ratios=(2, 1)
 )
-for name, scene in (("without absorber", bare), ("tuned absorber", tuned)):
+for name, scene, look in (
+    ("without absorber", bare, {"color": "0.7"}),
+    ("tuned absorber", tuned, {"linewidth": 1.0}),
+):
     motion = simulate(scene)
-    left.plot(motion.time, 1e3 * motion.state[:, 0], label=name)
+    left.plot(motion.time, 1e3 * motion.state[:, 0], label=name, **look)
 left.set(xlabel="time [s]", ylabel="frame x₁ [mm]")
 left.legend()
 right.semilogx(spectrum.periods, spectrum.absolute_acceleration[0])

@@ -1,5 +1,6 @@
 """Are the equations of the site typeset, and without a network?"""
 
+import re
 import runpy
 import shutil
 import subprocess
@@ -8,6 +9,8 @@ from pathlib import Path
 
 import pytest
 from browser import chromium
+from docutils import nodes
+from docutils.utils import new_document
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(page for page in DOCS.glob("*.md") if "\n```math\n" in page.read_text("utf-8"))
@@ -50,6 +53,34 @@ def test_equations_are_typeset_without_a_request(browser, site, page):
     assert wrong == 0
     assert browser.requests() == []
     assert browser.complaints() == []
+
+
+def test_names_and_numbers_in_tables_break_at_joints_only():
+    conf = runpy.run_path(str(DOCS / "conf.py"))
+    long = nodes.literal("", "tests/paper/test_equations.py::test_every_motion")
+    short = nodes.literal("", "--new-version")
+    bold = nodes.strong("", "242 (1e-12)")
+    table = nodes.row(
+        "", *(nodes.entry("", nodes.paragraph("", "", x)) for x in (long, short, bold))
+    )
+    page = new_document("page")
+    page += table
+    conf["keep_numbers_whole"](None, page, "")
+    conf["break_names_at_their_joints"](None, page, "")
+    assert [one.astext() for one in long.children if isinstance(one, nodes.Text)] == [
+        *("tests/", "paper/", "test_", "equations.", "py::", "test_", "every_", "motion")
+    ]
+    assert long.children[1].astext() == "<wbr>"
+    assert short["classes"] == bold.children[1]["classes"] == ["number"]
+    assert bold.children[1].astext() == "1e-12"
+
+
+def test_fields_of_scenes_are_told_in_short_numbers_and_whole_sentences():
+    text = runpy.run_path(str(DOCS / "scene_fields.py"))["scene_fields"]()
+    assert re.findall(r"\d{9,}", text) == []
+    assert "```none\nreward = -(w_x" in text
+    head = [part.partition("\n\n")[2].lstrip() for part in text.split("\n## ")[1:]]
+    assert [one for one in head if not re.match(r"[A-Z`#]", one)] == []
 
 
 def test_pages_with_equations_are_found():
