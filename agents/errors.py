@@ -63,7 +63,8 @@ def command(main: Callable[..., Outcome]) -> Callable[[], Outcome]:
 
 def _called(main: Callable[..., Outcome]) -> Outcome:
     """Call a function with what the command line says."""
-    description = (sys.modules[main.__module__].__doc__ or "").replace("``", "`")
+    text = (sys.modules[main.__module__].__doc__ or "").replace("``", "`")
+    description = "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
     kind = next(iter(get_type_hints(main).values()))
     if not (is_dataclass(kind) or (isinstance(kind, type) and issubclass(kind, Document))):
         return cli(main, description=description)
