@@ -16,6 +16,7 @@ RESULT = re.compile(rf"\b({TASK})\b|\d\.\d|\d %|\b(than|twice|times|half|gains|l
 NO_RESULT = {
     "95 %": "the level of all intervals",
     "does better than that of a column": "says what a cell is",
+    "costs more than the specialist on the task without delay": "the same",
     "reads more than an agent": "says what a colour is",
     "cost less than the reference controller in": "says what a cell is",
     "fewer than seeds": "precedes a list from data",
