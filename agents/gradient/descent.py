@@ -24,6 +24,7 @@ from agents.gradient.settings import (
     FIRST,
     SECOND,
     STEEPEST,
+    WARMED,
     GradientSettings,
     fitted,
     schedule,
@@ -108,6 +109,8 @@ class Descent(Search):
     def _advance(self) -> None:
         settings, count, size = self.fitted, self.fitted.episodes, np.inf
         fade, rate = schedule(settings, self.done)
+        if settings.scene is not None:
+            rate *= min(1.0, (self.rounds + 1) / WARMED)
         seeds = training_seeds(settings.seed, count, self.rounds * count)
         with suppress(ActionError), np.errstate(over="ignore", invalid="ignore"):
             self.episodes.run(self.network, seeds)

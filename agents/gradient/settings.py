@@ -24,6 +24,16 @@ FRAMES = 64_000
 PERIODS = 2.5, 20.0
 """Of the slowest mode of your own scene; slopes fade to 1/e in them, at first and at the end."""
 
+FORCE_RATE = 0.012
+"""Learning rate on your own scene where a force alone acts, whose slopes are steady."""
+
+WARMED = 10
+"""Iterations in which the rate rises on your own scene: Adam's first steps are of full size in each
+parameter, however little its slope is known."""
+
+SPRING_PERIODS = 0.75, 6.5
+"""The same where springs are tuned: they pump energy, and slopes over longer times mislead."""
+
 
 class GradientSettings(SearchSettings):
     """How a network is trained by gradients."""
@@ -42,11 +52,12 @@ class GradientSettings(SearchSettings):
     iterations: Count = 600
     """iterations of the whole run; for your own scene as many as a time budget allows"""
     rate: Positive = 4e-3
-    """learning rate of Adam at the start"""
+    """learning rate of Adam at the start; 0.012 for your own scene where a force alone acts"""
     first_horizon: Positive = 25.0
-    """control steps in which the slopes fade to 1/e, at first; 2.5 periods for your own scene"""
+    """control steps in which the slopes fade to 1/e, at first; for your own scene 2.5 periods, and
+    0.75 where springs are tuned"""
     horizon: Positive = 200.0
-    """the same at the end; 20 periods for your own scene"""
+    """the same at the end; for your own scene 20 periods, and 6.5 where springs are tuned"""
     feedback: Annotated[float, Field(ge=0, le=1)] = 1.0
     """fraction of the slopes over observations that is followed back to earlier motion; 1 is the
     exact gradient, less is steadier"""
@@ -86,9 +97,12 @@ def fitted(settings: GradientSettings, scene: Scene) -> GradientSettings:
     poles = np.abs(np.linalg.eigvals(plant_of(scene).linear()[0]).imag)
     turning = poles[poles > 0.0]
     chosen: dict[str, float] = {"episodes": max(8, FRAMES // scene.control.steps)}
+    if scene.actuation.names == ("force",):
+        chosen["rate"] = FORCE_RATE
     if turning.size:
         period = 2.0 * np.pi / (turning.min() * scene.control.time_step)
-        chosen |= zip(("first_horizon", "horizon"), np.multiply(PERIODS, period), strict=True)
+        periods = PERIODS if scene.actuation.stretch is None else SPRING_PERIODS
+        chosen |= zip(("first_horizon", "horizon"), np.multiply(periods, period), strict=True)
     defaults = GradientSettings()
     left = {k: v for k, v in chosen.items() if getattr(settings, k) == getattr(defaults, k)}
     return settings.model_copy(update=left)

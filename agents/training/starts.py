@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from agents.control.actuators import Command
 from agents.control.observed_state import ROWS
@@ -123,6 +124,20 @@ class Start:
             back=np.empty((len(keep), 0)) if back is None else back,
         )
 
+    def recalling(self, steps: int) -> Start:
+        """Return it with the last actions, of so many steps, that have no part in the next yet."""
+        m, k = len(self.keep), len(self.direct)
+        size, n = k * steps, self.pairs.shape[2] - m
+        before = self.enter if m else np.empty((0, n))
+        back = self.back if self.back.size else np.zeros((m, k))
+        made = self.remembering(np.empty((size, 0)), np.empty((size, 0)))
+        return replace(
+            made,
+            keep=block_diag(self.keep, np.eye(size, k=-k)) if m else np.eye(size, k=-k),
+            enter=np.vstack([before, np.zeros((size, n))]),
+            back=np.vstack([back, np.eye(size, k)]),
+        )
+
     def policy(self, hidden: Array | None = None) -> Policy:
         """Return the policy of it and of hidden units; see `agents.training.network.Network`.
 
@@ -164,6 +179,10 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
     start = start or _law(scene, law, shown)
     if not start.keep.size:
         start = start.remembering(*_memory(scene, shown, settings.memory))
+    plant = compile_scene(scene)
+    if plant.most_delay and not start.back.size:
+        # The newest frames do not show yet what these actions did.
+        start = start.recalling(plant.most_delay + plant.history - 1)
     drawn = 0.5 * generator.standard_normal((extra, *start.pairs.shape[1:]))
     return replace(
         start,
@@ -385,11 +404,12 @@ def _lqg(scene: Scene, shown: Shown) -> Start:
     """
     found: dict[tuple[float, float], tuple[float, Start]] = {}
     reasons: list[DesignError] = []
+    held = _held(scene, shown)
 
     def try_all(designs: Iterable[tuple[float, float]]) -> tuple[float, float]:
         for design in designs:
             try:
-                start = _one_lqg(scene, shown, *design)
+                start = _one_lqg(scene, shown, *design, held)
             except DesignError as error:
                 reasons.append(error)
             else:
@@ -403,6 +423,17 @@ def _lqg(scene: Scene, shown: Shown) -> Start:
     return found[best][1]
 
 
+def _held(scene: Scene, shown: Shown) -> Start:
+    """Return what the actuators but the force do beside an LQG: the best constant stretch."""
+    stretch = scene.actuation.stretch
+    if stretch is None or scene.actuation.force is None:
+        return _none(scene, shown)
+    if not shown.filtered or stretch.command == "rate":
+        msg = "law: 'lqg' commands only a force; remove actuation.stretch"
+        raise DesignError(msg)
+    return _constant(scene, shown)
+
+
 def _cost(scene: Scene, start: Start) -> float:
     try:
         cost = validation_cost(scene, Learned(start.policy()))
@@ -411,19 +442,22 @@ def _cost(scene: Scene, start: Start) -> float:
     return cost if np.isfinite(cost) else np.inf
 
 
-def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float) -> Start:
-    """Return an LQG, whose estimate is the linear memory.
+def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float, held: Start) -> Start:
+    """Return an LQG at the stretch that is held, whose estimate is the linear memory.
 
     The estimate x is corrected by the observation y, and the regulator's own force is known:
     x = (1 - F C) (A x + B u) + F y, with the force u that was clipped.
     """
-    force = scene.actuation.force
-    if scene.actuation.stretch is not None or force is None:
-        msg = "law: 'lqg' commands only a force; remove actuation.stretch"
+    force, stretch = scene.actuation.force, None
+    if force is None:
+        msg = "law: 'lqg' commands only a force; actuation.force is missing"
         raise DesignError(msg)
+    if scene.actuation.stretch is not None:
+        command = Command(scene, "stretch")
+        stretch = command.low + 0.5 * (1.0 + held.direct[-1, 0]) * (command.high - command.low)
     weight = caution * scene.objective.effort_weight
     cautious = scene.replace(**{"objective.effort_weight": weight})
-    design = design_lqg(cautious, unmodelled=unmodelled, wandering=True)
+    design = design_lqg(cautious, stretch, unmodelled, wandering=True)
     system, limit = design.system, force.limit
     if len(system.A) > MOST_STATES:
         msg = f"law: 'lqg' has {len(system.A)} states here; allowed: at most {MOST_STATES}"
@@ -432,11 +466,12 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float) -> S
     units, gains = state_units(scene, compile_scene(scene), system), design.filters[-1]
     corrected = np.eye(len(system.A)) - gains @ system.C
     keep = corrected @ system.A * units / units[:, None]
-    back = corrected @ system.B[:, :1] * limit / units[:, None]
+    back = np.zeros((len(keep), shown.actions))
+    back[:, 0] = corrected @ system.B[:, 0] * limit / units
     enter = np.zeros((len(keep), shown.count))
     newest = shown.count - shown.frame
     enter[:, [newest + k for k in columns_of]] = gains * shown.units[columns_of] / units[:, None]
-    start = _none(scene, shown).remembering(keep, enter, back)
+    start = held.remembering(keep, enter, back)
     start.direct[0, 1 + shown.count :] = -design.gain * units / limit
     return start
 

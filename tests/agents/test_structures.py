@@ -106,6 +106,61 @@ def test_search_begins_no_worse_than_the_controller_that_suits(name: str, law: s
     assert validation_cost(scene, Learned(start.policy())) <= 1.001 * wanted
 
 
+BOTH = {
+    "carriage": {"mass": 1.0, "stiffness": 3948.0, "damping": 2.0},
+    "sphere": {"mass": 0.2},
+    "interface": {"kind": "viscous", "damping": 0.5},
+    "springs": {"kind": "small_on_large", "stiffness": 150.0, "stretch": 1.5},
+    "excitation": [
+        {
+            "kind": "noise",
+            "target": "ground",
+            "rms": 3.0,
+            "low_frequency": 30.0,
+            "high_frequency": 120.0,
+        }
+    ],
+    "actuation": {"force": {"limit": 2.0}, "stretch": {"rate_limit": 20.0}},
+    "sensors": {
+        "channels": ["carriage_displacement", "sphere_offset"],
+        "noise": {"carriage_displacement": 2e-5, "sphere_offset": 5e-5},
+        "delay": 1,
+        "history": 2,
+    },
+    "objective": {"displacement_scale": 0.002, "velocity_scale": 0.1, "effort_weight": 0.01},
+    "control": {"time_step": 0.005, "steps": 100},
+}
+"""Both actuators, and two late displacements that show neither velocity nor stretch."""
+
+
+def test_force_begins_as_an_lqg_where_springs_are_tuned_too():
+    scene = Scene.of(BOTH)
+    start = start_of(scene, settings_for("frame"), np.random.default_rng(0))
+    assert start.law == "lqg"
+    # A stretch that is held, and the force as a function of the estimate.
+    assert start.direct[1, 0] != 0.0
+    assert not start.direct[1, 1:].any()
+    assert start.direct[0, 1:].any()
+    held = validation_cost(scene, laws(scene)["best-constant"](scene))
+    # With 600 steps 0.57 and 1.05; the LQR of differences costs twice as much as no control.
+    assert validation_cost(scene, Learned(start.policy())) < 0.7 * held
+
+
+def test_late_start_recalls_the_actions_that_no_frame_shows_yet():
+    scene, steps = structure("pre_stretch"), 3  # a step late, and three frames
+    start = start_of(scene, settings_for("pre_stretch"), np.random.default_rng(0))
+    policy = start.policy()
+    memory, draw, acted = policy.begin(2), np.random.default_rng(1), [np.zeros((2, 1))] * steps
+    for _ in range(5):
+        action, memory = policy.step(draw.standard_normal((2, policy.observed)), memory)
+        recalled = memory[:, len(start.keep) - steps : len(start.keep)]
+        np.testing.assert_allclose(recalled, np.hstack(acted[::-1][:steps]), atol=1e-7)
+        acted.append(action)
+    assert len(np.unique(acted)) > 2
+    # They have no part in the action yet.
+    assert not start.direct[:, -steps - 1 : -1].any()
+
+
 def test_sizes_of_what_a_network_reads_and_does_are_of_order_one():
     scene = structure("stage")
     start = start_of(scene, settings_for("stage"), np.random.default_rng(0))
@@ -164,12 +219,13 @@ def test_steps_of_a_descent_are_of_the_size_of_each_parameter():
     for name in ("direct", "enter", "back", "output"):
         slope = search.sizes[name] * search.network.gradient[name]
         moved = np.abs(search.network.parameters[name] - before[name])
-        # Adam's first step is the rate in every parameter whose slope is above its round-off.
+        # Adam's first step is the rate in every parameter whose slope is above its round-off. The
+        # rate is a tenth of that to come, three times that of tasks.
         size = np.broadcast_to(search.sizes[name], moved.shape)
         followed = np.abs(slope) > 1e-4 * search.size
         assert followed.any()
         np.testing.assert_allclose(
-            moved[followed], settings.rate * size[followed], rtol=2e-3, atol=1e-6
+            moved[followed], 0.3 * settings.rate * size[followed], rtol=2e-3, atol=1e-6
         )
     # The filter's states are hundreds of times as large as what its input adds to them.
     assert search.sizes["enter"].max() / search.sizes["enter"].min() > 3.0
@@ -204,8 +260,24 @@ def test_settings_of_a_descent_follow_from_the_scene_unless_asked_for():
     assert found.episodes == 64_000 // 2000
     assert found.first_horizon == pytest.approx(2.5 * 200.0, rel=0.01)
     assert found.horizon == pytest.approx(20.0 * 200.0, rel=0.01)
-    asked = GradientSettings.of({**given, "episodes": 7, "horizon": 50.0})
-    assert (fitted(asked, scene).episodes, fitted(asked, scene).horizon) == (7, 50.0)
+    asked = GradientSettings.of({**given, "episodes": 7, "horizon": 50.0, "rate": 0.001})
+    found = fitted(asked, scene)
+    assert (found.episodes, found.horizon, found.rate) == (7, 50.0, 0.001)
+
+
+def test_slopes_of_tuned_springs_are_followed_for_a_third_of_the_time():
+    # With 2.5 and 20 periods forty iterations end at 0.91 on the validation episodes, with these at
+    # 0.86; they begin at 0.89.
+    given = GradientSettings.of({"scene": str(FOLDER / "pre_stretch.toml")})
+    springs, scene = structure("pre_stretch"), structure("tower")
+    found, others = fitted(given, springs), fitted(given, scene)
+    periods = [
+        2.0 * np.pi / (np.abs(np.linalg.eigvals(compile_scene(one).linear()[0]).imag).min() * step)
+        for one, step in ((springs, 0.01), (scene, 0.2))
+    ]
+    assert found.first_horizon == pytest.approx(0.75 * periods[0])
+    assert found.horizon == pytest.approx(6.5 * periods[0])
+    assert others.horizon == pytest.approx(20.0 * periods[1])
 
 
 @pytest.mark.parametrize("kind", [GradientSettings, EvolveSettings])
