@@ -150,10 +150,10 @@ def break_names_at_their_joints(_app: Sphinx, doctree: nodes.document, _page: st
             name["classes"].append("number")
             continue
         pieces = re.split(r"(?<=[_./:,=(-])(?=\w)", text)
-        joints = [nodes.raw("", "<wbr>", format="html") for _ in pieces]
         name.children = []
-        for piece, joint in zip(pieces, joints, strict=True):
-            name += [nodes.Text(piece), joint]
+        for piece in pieces:
+            name += [nodes.Text(piece), nodes.raw("", "<wbr>", format="html")]
+        name.pop()  # no line begins with the comma after a name
 
 
 def check_links(app: Sphinx, error: Exception | None) -> None:

@@ -1,8 +1,8 @@
 """Evolve a network in seconds, train PPO, plan, and report all with the controllers.
 
-``make demo`` runs it. All control the adaptive absorber, on the same hundred held-out episodes as
-in docs/tasks.md, in three minutes where two cores are idle. A web page of all ends it,
-``runs/NAME/report.html``.
+This is what ``make demo`` runs. All control the adaptive absorber, on the same hundred held-out
+episodes as in docs/tasks.md, in three minutes if two cores are idle. At the end it writes a web
+page of all, ``runs/NAME/report.html``.
 """
 
 from pathlib import Path

@@ -4,8 +4,8 @@ Scores fixed, classical and clairvoyant control on the same hundred episodes, an
 ``docs/task_scores.json``, from which ``docs/tasks.md`` takes its numbers. The search for the
 clairvoyant optima also starts from the actions of finished runs: ``--runs runs/NAME ...``.
 
-``--preview`` measures how much a controller gains from knowing the random excitation in advance.
-``--check`` writes nothing: it compares the runs, or all classical controllers if there are none,
+With ``--preview`` it measures how much a controller gains from knowing the random excitation in
+advance. With ``--check`` it writes nothing: it compares the runs, or all classical controllers if there are none,
 with the clairvoyant optimum of every episode, and names those that are better.
 """
 

@@ -1,7 +1,8 @@
 """List the tasks, or the controllers that apply to one.
 
-``python -m agents list`` lists the tasks; ``python -m agents list Hybrid`` the names of controllers
-that ``evaluate``, ``record``, ``tune`` and ``train --base`` take for that task or scene file.
+Alone, ``python -m agents list`` lists the tasks. With a task or a scene file, as ``python -m agents
+list Hybrid``, it lists the names of controllers that ``evaluate``, ``record``, ``tune`` and ``train
+--base`` take for it.
 """
 
 from typing import Annotated
