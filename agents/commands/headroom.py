@@ -5,8 +5,8 @@ Scores fixed, classical and clairvoyant control on the same hundred episodes, an
 clairvoyant optima also starts from the actions of finished runs: ``--runs runs/NAME ...``.
 
 With ``--preview`` it measures how much a controller gains from knowing the random excitation in
-advance. With ``--check`` it writes nothing: it compares the runs, or all classical controllers if there are none,
-with the clairvoyant optimum of every episode, and names those that are better.
+advance. With ``--check`` it writes nothing: it compares the runs, or all classical controllers if
+there are none, with the clairvoyant optimum of every episode, and names those that are better.
 """
 
 import io
