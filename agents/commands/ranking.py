@@ -14,6 +14,7 @@ from typing import Annotated
 import tyro
 
 from agents.controllers.registry import Entry, entries, every_entry
+from agents.controllers.tuned import NOT_SCORED
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import LEARNED, scored
@@ -56,7 +57,11 @@ def add_controllers(
                 continue
             rows = scores[task]["rows"]
             role = _role(entry)
-            row = scored(role, scene, entry.make(scene))
+            try:
+                row = scored(role, scene, entry.make(scene))
+            except NOT_SCORED as error:
+                print(f"{task}: {entry.name}: not scored: {error}")
+                continue
             names_of = {row["controller"]}
             if role == "predictive":  # its name tells its horizon
                 names_of |= {one["controller"] for one in rows if one["role"] == role}

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
 from agents.control.controller import Memory
-from agents.control.model import Innovation, Model
+from agents.control.model import Innovation
 from agents.control.scene import drawn_but, plant_of
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
@@ -27,19 +27,15 @@ def deviations(scene: Scene) -> Array:
     scene = scene.replace(**{"objective.rail_half_length": None})
     env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
     _, info = env.reset(seed=SEED)
-    model, actuators = Model(scene), Actuators(scene)
+    innovation, actuators = Innovation(scene), Actuators(scene)
     applied = asked = info["applied"]
-    own = model.at_rest(LANES)
+    _, _, memory = innovation.missed(innovation.begin(LANES), info["state"], applied)
     action = np.zeros(env.action_space.shape)
-    steps = min(STEPS, scene.control.steps)
-    differences = np.empty((steps, LANES, 4))
-    for step in range(steps):
-        model.begin(info["state"], own)
+    differences = np.empty((min(STEPS, scene.control.steps), LANES, 4))
+    for step in range(len(differences)):
         applied, asked = actuators.reached(action, applied, asked)
-        predicted = model.advance(applied)[0].copy()
-        own = model.own
         *_, info = env.step(action)
-        differences[step] = info["state"] - predicted
+        differences[step], _, memory = innovation.missed(memory, info["state"], applied)
     return differences
 
 

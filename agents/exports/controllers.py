@@ -4,7 +4,7 @@ import numpy as np
 
 from agents.control.controller import Controller
 from agents.controllers.lqg import LQG, state_units
-from agents.network.layers import Clip, Dense, Regulator, Residual
+from agents.network.layers import Clip, Dense, Observer, Residual
 from agents.network.policy import Policy
 from agents.training.parts import base_controller
 from mm_gym import MovingMassVectorEnv, Scene, SceneError, compile_scene
@@ -71,14 +71,20 @@ def controller_policy(name: str, scene: Scene) -> Policy:
             "linear in the observation"
         )
         raise SceneError(msg)
-    k, single = len(gains), gains.astype(np.float32)
-    ends = np.ones(k, np.float32)
-    layers = Dense(single[:, :-1], single[:, -1]), Clip(-ends, ends)
-    return Policy(layers, gains.shape[1] - 1)
+    return Policy(_clipped(gains), gains.shape[1] - 1)
+
+
+def _clipped(gains: Array) -> tuple[Dense, Clip]:
+    """Return the layers of an action that is linear: of gains and constants (k, n + 1)."""
+    single, ends = gains.astype(np.float32), np.ones(len(gains), np.float32)
+    return Dense(single[:, :-1], single[:, -1]), Clip(-ends, ends)
 
 
 def _stationary(controller: LQG, scene: Scene) -> Policy:
-    """Return an LQG with the stationary gain of its filter, in units that suit single precision."""
+    """Return an LQG with the stationary gain of its filter, in units that suit single precision.
+
+    The filter's estimate is a linear memory that knows the clipped action.
+    """
     plant, design, limit = compile_scene(scene), controller.design, controller.limit
     system = design.system
     units = state_units(scene, plant, system)
@@ -89,11 +95,10 @@ def _stationary(controller: LQG, scene: Scene) -> Policy:
     select = np.zeros((len(shown), observed))
     select[range(len(shown)), [observed - len(plant.channels) + k for k in shown]] = 1.0
     zeros = np.array([channel.zero * channel.factor for channel in channels])
-    numbers = (
-        *(system.A * units / units[:, None], limit * system.B[:, :1] / units[:, None]),
-        *(factors[:, None] * system.C * units, design.filters[-1] / factors / units[:, None]),
-        (design.gain * units / limit)[None],
-    )
-    regulator = Regulator(*(array.astype(np.float32) for array in numbers))
+    enter = design.filters[-1] / factors / units[:, None]
+    left = np.eye(len(units)) - enter @ (factors[:, None] * system.C * units)
+    predict, push = system.A * units / units[:, None], limit * system.B[:, :1] / units[:, None]
+    memory = (array.astype(np.float32) for array in (left @ predict, enter, left @ push))
+    gains = np.concatenate([np.zeros(len(shown)), -design.gain * units / limit, [0.0]])
     first = Dense(select.astype(np.float32), zeros.astype(np.float32))
-    return Policy((first, regulator), observed)
+    return Policy((first, Observer(_clipped(gains[None]), *memory)), observed)

@@ -267,40 +267,6 @@ class Clip(Layer):
 
 
 @dataclass(frozen=True, eq=False)
-class Regulator(Layer):
-    """Feed back the estimate x (s,) of a stationary Kalman filter, which knows the clipped action.
-
-    That is::
-
-        x = x + correct @ (values - show @ x)
-        action = clip(-gain @ x, -1, 1)
-        x = predict @ x + command @ action
-    """
-
-    # predict, command, show, correct, gain: (s, s), (s, k), (n, s), (s, n) and (k, s).
-    predict: Single
-    command: Single
-    show: Single
-    correct: Single
-    gain: Single
-
-    @property
-    def remembers(self) -> int:
-        return len(self.predict)
-
-    def outputs(self, inputs: int) -> int:
-        s, k = len(self.predict), len(self.gain)
-        self.require(predict=(s, s), command=(s, k), gain=(k, s))
-        self.require(show=(inputs, s), correct=(s, inputs))
-        return k
-
-    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
-        estimate = memory + (values - memory @ self.show.T) @ self.correct.T
-        action = xp.clip(-(estimate @ self.gain.T), -1.0, 1.0)
-        return action, estimate @ self.predict.T + action @ self.command.T
-
-
-@dataclass(frozen=True, eq=False)
 class _Around(Layer):
     """A layer around others."""
 

@@ -154,6 +154,20 @@ def test_named_controllers_are_scored_and_nothing_else(tmp_path, monkeypatch, ca
     assert "LQR: 0.0483" in capsys.readouterr().out
 
 
+def test_a_controller_that_cannot_be_designed_is_named_and_others_go_on(
+    tmp_path, monkeypatch, capsys
+):
+    scores = tmp_path / "scores.json"
+    scores.write_text(SCORES.read_text("utf-8"))
+    monkeypatch.setattr(ranking, "SCORES", scores)
+    monkeypatch.setattr(ranking, "RANKING", tmp_path / "ranking.md")
+    words = ["ranking", "--controllers", "lqg", "--tasks", "CarriageForceFriction"]
+    monkeypatch.setattr(sys, "argv", words)
+    assert ranking.main() is None
+    assert json.loads(scores.read_text()) == COMMITTED
+    assert "lqg: not scored: the regulator has no stabilising solution" in capsys.readouterr().out
+
+
 def policy_of(gain):
     ends = np.array([1.0], np.float32)
     weight = np.array([[0.0, 0.0, -gain, 0.0]], np.float32)
