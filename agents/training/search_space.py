@@ -35,7 +35,9 @@ def suggested(trial: Trial, settings: TrainSettings, name: str) -> TrainSettings
             "initial_log_std": _short(trial.suggest_float("initial_log_std", -2.0, 0.5)),
         }
         parts = trial.suggest_categorical("batches", [2, 4, 8, 16, 32])
-        own["batch_size"] = max(2, settings.lanes * own["rollout"] // parts)
+        samples = settings.lanes * own["rollout"]
+        sizes = range(max(2, samples // parts), samples + 1)
+        own["batch_size"] = next(size for size in sizes if samples % size == 0)
     if isinstance(chosen, OffPolicySettings):
         own |= {
             "gradient_steps": trial.suggest_int("gradient_steps", 1, 16, log=True),

@@ -1,5 +1,6 @@
 """Does tuning go on after a kill, prune, and write files that train?"""
 
+import itertools
 import re
 import signal
 
@@ -57,6 +58,19 @@ def test_best_trial_is_a_file_of_settings_and_more_trials_go_on(tmp_path):
     assert len(study_of(path.parent).trials) == 3
     with pytest.raises(RunError, match="holds a study of other settings"):
         tune(QUICK.model_copy(update={"steps": 801}), tmp_path)
+
+
+@pytest.mark.parametrize("lanes", [1, 8, 13])
+def test_batches_divide_the_rollout(lanes):
+    drawn = {"reward": 1.0, "learning_rate": 1e-3, "1 - discount": 0.01, "hidden": "64 x 64"}
+    drawn |= {"epochs": 5, "gae_lambda": 0.95, "initial_log_std": -1.0}
+    drawn |= {"normalise_observations": False}
+    for rollout, batches in itertools.product([25, 50, 100, 200], [2, 4, 8, 16, 32]):
+        trial = optuna.trial.FixedTrial(drawn | {"rollout": rollout, "batches": batches})
+        tried = suggested(trial, QUICK.model_copy(update={"lanes": lanes}), "trial-0").ppo
+        assert tried.batch_size > 1
+        assert lanes * rollout % tried.batch_size == 0
+        assert tried.batch_size >= lanes * rollout // batches
 
 
 def outcome(folder):
