@@ -83,5 +83,14 @@ def test_fields_of_scenes_are_told_in_short_numbers_and_whole_sentences():
     assert [one for one in head if not re.match(r"[A-Z`#]", one)] == []
 
 
+@pytest.mark.parametrize(
+    "page", [*DOCS.glob("*.md"), *DOCS.glob("clients/*.md")], ids=lambda page: page.stem
+)
+def test_a_page_has_one_title(page):
+    """Each further one is another entry of the site's list of pages."""
+    prose = re.sub(r"(?ms)^```.*?^```$", "", page.read_text("utf-8"))
+    assert len(re.findall(r"(?m)^# ", prose)) == 1
+
+
 def test_pages_with_equations_are_found():
     assert "model" in {page.stem for page in PAGES}
