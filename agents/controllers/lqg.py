@@ -58,7 +58,11 @@ class LQGDesign:
 
 
 def design_lqg(
-    scene: Scene, *, unmodelled: float = UNMODELLED, wandering: bool = False
+    scene: Scene,
+    *,
+    stretch: float | None = None,
+    unmodelled: float = UNMODELLED,
+    wandering: bool = False,
 ) -> LQGDesign:
     """Solve both Riccati equations for a scene's reward, sensors and random excitation.
 
@@ -67,6 +71,8 @@ def design_lqg(
 
     Parameters
     ----------
+    stretch
+        That of tuned springs, which is held.
     unmodelled
         Standard deviation of what else disturbs each displacement and velocity in a step, over the
         objective's scales: it keeps the filter awake.
@@ -78,10 +84,11 @@ def design_lqg(
     require_number("unmodelled", unmodelled)
     plant = plant_of(scene)
     channels = tuple(channel for channel in plant.channels if channel != "stretch")
-    system = plant.state_space(["force"], channels, sampled=True)
+    at = None if stretch is None else {"initial.stretch": stretch}
+    system = plant.state_space(["force"], channels, sampled=True, at=at)
     if wandering:
         system = _with_wandering_phases(scene, system)
-    regulated, gain, riccati, curvature = regulator(plant, scene, None, system)
+    regulated, gain, riccati, curvature = regulator(plant, scene, at, system)
     noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
     shown = [channel for channel in plant.observed if channel.name in channels]
     floor = [(FLOOR / channel.factor) ** 2 for channel in shown]

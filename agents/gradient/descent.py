@@ -93,7 +93,8 @@ class Descent(Search):
         self.odd = scene.actuation.names == ("force",)
         scales = Scales.measured(scene, start) if own else Scales.stated(start)
         evolved = Evolved(start, settings.hidden, odd=self.odd, scales=scales)
-        start.units[:, UNIT.index("floor")] = settings.floor
+        if not own or settings.floor != GradientSettings().floor:
+            start.units[:, UNIT.index("floor")] = settings.floor
         self.start = evolved.policy(evolved.first(generator))
         count = self.fitted.episodes
         self.episodes = Episodes(scene, count, STEEPEST if own and self.odd else MOST)

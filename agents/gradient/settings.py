@@ -62,7 +62,8 @@ class GradientSettings(SearchSettings):
     """fraction of the slopes over observations that is followed back to earlier motion; 1 is the
     exact gradient, less is steadier"""
     floor: Positive = 0.05
-    """floor of the correlation units' denominators; a smaller one switches more sharply"""
+    """floor of the correlation units' denominators; a smaller one switches more sharply; for your
+    own scene the best of three"""
 
     growing: ClassVar[tuple[str, ...]] = ("iterations", "time_budget")
     suffix: ClassVar[str] = "-gradient"

@@ -20,6 +20,7 @@ from agents.controllers.constant import device_of
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import design_filter, design_lqg, state_units
 from agents.controllers.lqr import LQR
+from agents.network.layers import UNIT
 from agents.policies import Policy, network
 from agents.scoring import validation_cost
 from agents.training.config import LawName, SearchSettings
@@ -30,6 +31,10 @@ from mm_gym.arrays import Array
 
 FLOOR = 1e-3
 """Of a correlation unit's denominator, see `agents.network.layers.Correlation`."""
+
+FLOORS, HARDLY = (0.05, 0.01, FLOOR), 1.01
+"""Floors that are tried on your own scene, whose signals may be small next to them: the largest one
+is taken, of the smoothest slopes, that costs at most so many times the least."""
 
 STRETCH, WEIGHT = 0.125, 1.0
 """Where a clipped LQR is designed: fraction of the stretch's range, and weight of its force."""
@@ -191,6 +196,16 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
         spreads=np.concatenate([start.spreads, np.full(extra, COARSE)]),
         direct=np.pad(start.direct, ((0, 0), (0, extra))),
     )
+
+
+def _with_floor_that_fits(scene: Scene, start: Start) -> Start:
+    costs: dict[float, Start] = {}
+    for floor in FLOORS:
+        units = start.units.copy()
+        units[:, UNIT.index("floor")] = floor
+        one = replace(start, units=units)
+        costs.setdefault(_cost(scene, one), one)
+    return next(one for cost, one in costs.items() if cost <= HARDLY * min(costs))
 
 
 def _best_start(scene: Scene, shown: Shown, most: float) -> Start:
@@ -360,7 +375,8 @@ def _constant(scene: Scene, shown: Shown) -> Start:
 
 
 def _law(scene: Scene, law: LawName, shown: Shown) -> Start:
-    return replace(_start(scene, law, shown), law=law)
+    start = replace(_start(scene, law, shown), law=law)
+    return _with_floor_that_fits(scene, start) if shown.filtered and len(start.units) else start
 
 
 def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
@@ -457,7 +473,7 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float, held
         stretch = command.low + 0.5 * (1.0 + held.direct[-1, 0]) * (command.high - command.low)
     weight = caution * scene.objective.effort_weight
     cautious = scene.replace(**{"objective.effort_weight": weight})
-    design = design_lqg(cautious, stretch, unmodelled, wandering=True)
+    design = design_lqg(cautious, stretch=stretch, unmodelled=unmodelled, wandering=True)
     system, limit = design.system, force.limit
     if len(system.A) > MOST_STATES:
         msg = f"law: 'lqg' has {len(system.A)} states here; allowed: at most {MOST_STATES}"

@@ -146,6 +146,42 @@ def test_force_begins_as_an_lqg_where_springs_are_tuned_too():
     assert validation_cost(scene, Learned(start.policy())) < 0.7 * held
 
 
+FORTY_HERTZ = {
+    "randomization": {"excitation.0.frequency": [230.0, 275.0]},
+    "carriage": {"mass": 5.0, "stiffness": 315827.0, "damping": 25.0},
+    "sphere": {"mass": 0.5},
+    "interface": {"kind": "viscous", "damping": 4.0},
+    "springs": {"kind": "small_on_large", "stiffness": 8000.0, "stretch": 1.6},
+    "excitation": [{"kind": "harmonic", "amplitude": 40.0, "frequency": 250.0, "phase": 0.0}],
+    "initial": {"stretch": [1.1, 2.5]},
+    "actuation": {"stretch": {"rate_limit": 10.0}},
+    "sensors": {
+        "channels": [
+            "carriage_displacement",
+            "carriage_velocity",
+            "sphere_offset",
+            "slip_velocity",
+            "stretch",
+        ],
+        "delay": 1,
+        "history": 3,
+    },
+    "objective": {"displacement_scale": 0.0004, "velocity_scale": 0.1},
+    "control": {"time_step": 0.0025, "steps": 500},
+}
+"""An absorber that finds its frequency, of signals that are small next to the scales."""
+
+
+def test_descent_begins_with_the_floor_that_fits_the_signals():
+    scene, settings = Scene.of(FORTY_HERTZ), settings_for("pre_stretch")
+    start = start_of(scene, settings, np.random.default_rng(0))
+    assert start.law == "tracking"
+    found = validation_cost(scene, Learned(start.policy()))
+    start.units[:, 1] = GradientSettings().floor
+    # The floor of tasks is of the size of the squares that it is added to.
+    assert found < 0.8 * validation_cost(scene, Learned(start.policy()))
+
+
 def test_late_start_recalls_the_actions_that_no_frame_shows_yet():
     scene, steps = structure("pre_stretch"), 3  # a step late, and three frames
     start = start_of(scene, settings_for("pre_stretch"), np.random.default_rng(0))
