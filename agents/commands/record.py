@@ -32,8 +32,8 @@ class RecordSettings(Document):
     changes: Changes = Field(default_factory=dict[str, JsonValue])
     """fields of the scene to change, by dotted name: '{"control.steps": 200}'"""
     controller: str = "random"
-    """a controller's name (a wrong one lists those of the task), the folder of a run, or a
-    policy's file"""
+    """a controller's name (a wrong one lists those of the task), FILE.py:NAME, the folder of a
+    run, or a policy's file"""
     lanes: Annotated[int, Field(ge=1)] = 64
     """number of parallel environments"""
     episodes: Annotated[int, Field(ge=1)] = 100

@@ -36,19 +36,13 @@ class Contestant:
 
     label: str  # its name there
     text: str  # what was given for it
-    # Task -> what makes its controllers: names that `law_of` takes, or FILE.py:NAME. Several are
-    # runs of one training with several seeds.
+    # Task -> what makes its controllers: names that `law_of` takes. Several are runs of one
+    # training with several seeds.
     texts: Mapping[str, tuple[str, ...]]
 
     def make(self, task: str, scene: Scene) -> list[Controller]:
         """Return its controllers for a task: one, or one for each seed."""
-        made: list[Controller] = []
-        for text in self.texts[task]:
-            if is_path(text):
-                made.append(user_defined(text, scene)[-1])
-            else:
-                made.append(law_of(text, scene, np.random.default_rng(0)))
-        return made
+        return [law_of(text, scene, np.random.default_rng(0)) for text in self.texts[task]]
 
 
 @dataclass(frozen=True)
@@ -310,13 +304,16 @@ def _named(text: str, scenes: Mapping[str, Scene]) -> Contestant:
 
 
 def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controller:
-    """Return a controller by its name, or the policy of a run's folder or a policy's file.
+    """Return a controller by its name, or that of FILE.py:NAME, a run's folder or a policy's file.
 
-    The generator is where random actions are drawn from. Raise `SceneError` if the name is not one
-    that applies to the scene, nor a path; `RunError` if the training of the run is not over;
-    `PolicyError` if the policy cannot be read, or the run has a base in a file of the user's.
+    FILE.py is run. The generator is where random actions are drawn from. Raise `SceneError` if the
+    name is not one that applies to the scene, nor a path; `RunError` if the training of the run is
+    not over; `PolicyError` if the policy cannot be read, or the run has a base in a file of the
+    user's.
     """
     applicable, path = laws(scene), Path(name)
+    if is_path(name):
+        return user_defined(name, scene)[-1]
     if name == RANDOM:
         return RandomActions(scene, generator)
     if name in applicable:
@@ -325,7 +322,7 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
         return Learned(load_policy(path), name)
     run = Run(path.name, path.parent)
     if not os.path.lexists(run.record):
-        others = "the folder of a run, or a policy's file"
+        others = "FILE.py:NAME, the folder of a run, or a policy's file"
         raise not_a_law(name, scene, "controller", others)
     if not run.finished:
         msg = f"{run.folder}: training is not finished; continue it: python -m agents train"

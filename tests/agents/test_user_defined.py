@@ -10,6 +10,7 @@ from agents.commands import evaluate as command
 from agents.control.feedback import Feedback
 from agents.controllers.user_defined import user_defined
 from agents.controllers.velocity_feedback import VelocityFeedback
+from agents.evaluation.contestants import law_of
 from agents.scoring import evaluate
 from mm_gym import SceneError
 
@@ -54,6 +55,11 @@ def test_law_is_scored_from_the_observation_and_from_the_true_state(tmp_path) ->
     assert (seen.name, seen.reads) == ("Damper", "observation")
     expected = evaluate(SCENE, Feedback(SCENE, VelocityFeedback(SCENE, 5.0)), episodes=4)
     assert evaluate(SCENE, seen, episodes=4).cost == expected.cost
+
+
+def test_law_is_named_wherever_a_controller_is(tmp_path) -> None:
+    named = law_of(written(tmp_path, LAW) + ":Damper", SCENE, np.random.default_rng(0))
+    assert (named.name, named.reads) == ("Damper", "observation")
 
 
 def test_controller_is_scored_as_it_is(tmp_path) -> None:
