@@ -22,7 +22,10 @@ NOISE = 0.3
 
 
 ABOVE = 0.005
-"""How far the bound is at most above the least one, at which the equations are singular."""
+"""How far the bound is above the least one, at which the equations are singular."""
+
+EXACTNESS = 1e-5
+"""How exactly the least bound is found: with less, the rounding of a machine would choose it."""
 
 
 DOUBLINGS = 30  # of the bound, until one is kept
@@ -47,8 +50,8 @@ class HInfinityDesign:
     # From measurements to the force, both of order one; it works at every control step.
     controller: Matrices
     closed: Matrices  # from disturbance and noise to costs
-    # Of its largest singular value over all frequencies: `ABOVE` at most over the least that any
-    # linear controller has.
+    # Of its largest singular value over all frequencies: `ABOVE` over the least that any linear
+    # controller has.
     bound: float
 
 
@@ -104,11 +107,11 @@ def _least(plant: Matrices, count: int) -> tuple[Matrices, Matrices, float]:
         msg = f"no H-infinity controller attains a bound; tried up to {low * 2.0**DOUBLINGS:.2g}"
         raise DesignError(msg)
     low = max(low, 0.5 * best[-1])
-    while best[-1] > low * (1.0 + ABOVE):
+    while best[-1] > low * (1.0 + EXACTNESS):
         middle = float(np.sqrt(low * best[-1]))
         better = _solution(plant, count, middle)
         low, best = (middle, best) if better is None else (low, better)
-    return best
+    return _solution(plant, count, best[-1] * (1.0 + ABOVE)) or best
 
 
 def _solution(plant: Matrices, count: int, bound: float) -> tuple[Matrices, Matrices, float] | None:
