@@ -440,7 +440,7 @@ def _lqg(scene: Scene, shown: Shown) -> Start:
 
 
 def _held(scene: Scene, shown: Shown) -> Start:
-    """Return what the actuators but the force do beside an LQG: the best constant stretch."""
+    """Return what the actuators but the force do next to an LQG: the best constant stretch."""
     stretch = scene.actuation.stretch
     if stretch is None or scene.actuation.force is None:
         return _none(scene, shown)
