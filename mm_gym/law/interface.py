@@ -136,9 +136,9 @@ class Law(Interface):
     has_friction
         Whether there is dry friction.
     is_finite
-        Whether the sphere's springs are of finite stretch.
+        Whether the sphere's springs are of finite stretch, or may be.
     is_excited
-        Whether a force or the ground changes within a sample interval.
+        Whether a force or the ground changes within a sample interval, or may do so.
     """
 
     has_friction: bool = False

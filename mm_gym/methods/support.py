@@ -174,12 +174,12 @@ class Support:
 
     @property
     def law(self) -> Law:
-        """The law of motion that kernels may be compiled for."""
+        """The law of motion that kernels may be compiled for: each interface but a line has one."""
         return law_of(
             self.interface,
             has_friction=self.slips,
-            is_finite=bool(self.high[layout.L0] > 0.0),
-            is_excited=bool(self.terms or self.ground),
+            is_finite=bool(self.is_general or self.high[layout.L0] > 0.0),
+            is_excited=bool(self.is_general or self.terms or self.ground),
         )
 
     @property

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
+from mm_gym.excitation import sources
 from mm_gym.excitation.sources import excitation, load_sources, rows_of_sources
 from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
@@ -53,6 +54,7 @@ from mm_gym.law.springs import is_resolved
 from mm_gym.methods.runge_kutta import layout as slots
 from mm_gym.methods.runge_kutta.tableau_kernel import summed
 from mm_gym.methods.taylor import kernel as taylor
+from mm_gym.methods.taylor import layout as series
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -194,7 +196,7 @@ def _load(law, model, lanes, i, count, b):
         slip = b[slots.STATE + 3] - b[slots.STATE + 2]
         zero, one = everywhere(0.0), everywhere(1.0)
         _enter(b, where(slip > vr, one, where(slip < -vr, -one, zero)))
-    if is_excited(law):
+    if _is_excited(law, model):
         load_sources(model, lanes, i, count, b, slots.SOURCES)
     b[slots.OUTCOME] = everywhere(slots.GOES_ON)
     for row in (slots.ELAPSED, slots.COUNT, slots.TARGET, slots.NEXT, slots.SHIFT, slots.ARRIVES):
@@ -248,7 +250,7 @@ def _move(law, model, b, k, w, slot):
     one, other = _vector_of(b, k), _vector_of(w, slot)
     k, slot = k % LANES, slot % LANES
     _copy_lane(one, k, other, slot)
-    if is_excited(law):
+    if _is_excited(law, model):
         for row in range(slots.SOURCES, slots.SOURCES + rows_of_sources(model)):
             other[row, slot] = one[row, k]
     for row in range(own_states_of(law)):
@@ -308,20 +310,32 @@ def _coefficients(b):
 
 
 @inlined_kernel
+def _is_finite(law, model):
+    """Tell whether springs are of finite stretch: the model decides where they may be."""
+    return is_finite(law) and (is_line(law) or model[series.IS_FINITE] > 0.0)
+
+
+@inlined_kernel
+def _is_excited(law, model):
+    """Tell whether anything changes within a sample interval, in the same way."""
+    return is_excited(law) and (is_line(law) or sources.is_excited(model))
+
+
+@inlined_kernel
 def _kicks(law, model, b, time, x1, x2, v1, v2, own):
     """Return the accelerations at a time [s] since the interval's start, times the step's length.
 
     So they are added to velocities as they are; and the same of the interface's own states.
     """
     push, shake = b[slots.FORCE], alike(time, 0.0)
-    if is_excited(law):
+    if _is_excited(law, model):
         force, shake = excitation(model, b, slots.SOURCES, time)
         push, shake = push + force, shake * b[slots.LENGTH]
     p, offset, slip = _parameters(b), x2 - x1, v2 - v1
     link = force_of(law, p, offset, slip, own)
     if not is_line(law):  # whose intercept has it
         link = link + b[slots.PAIR]
-    a1, a2 = rates(_coefficients(b), is_finite(law), x1, offset, v1, link, push, shake)
+    a1, a2 = rates(_coefficients(b), _is_finite(law, model), x1, offset, v1, link, push, shake)
     first, second = rates_of(law, p, offset, slip, own)
     return a1, a2, b[slots.LENGTH] * first, b[slots.LENGTH] * second
 
@@ -415,7 +429,7 @@ def _assess(law, model, b):
     steep = larger(larger(abs(a1), abs(a2)), larger(abs(e1), abs(e2)))
     coarse = model[slots.COARSE] * fma(fast * fast, h, steep * far)
     good = good & (other * other * h <= coarse)
-    if is_finite(law):
+    if _is_finite(law, model):
         good = good & is_resolved(b[slots.BY_L0], b[slots.STRETCH], x2 - x1, y2 - y1)
     good = good & (far + fast < np.inf)
     slips = b[slots.STATE + 3] - b[slots.STATE + 2], b[slots.END + 3] - b[slots.END + 2]
