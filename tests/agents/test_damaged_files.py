@@ -72,11 +72,10 @@ OLD = Path(__file__).parents[1] / "data" / "policies" / "format_3.npz"
 class Sums(Search):
     """A search of two numbers, which needs no kernel."""
 
-    total = 10
     _advance = None
 
     def __init__(self):
-        super().__init__(None, None)
+        super().__init__(SimpleNamespace(growing=["rounds"], rounds=10, scene=None), None)
         self.vector = np.zeros(2)
 
     def _present(self):

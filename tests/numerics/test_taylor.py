@@ -121,7 +121,7 @@ def _one_step(plant: Plant, start: np.ndarray, n: int) -> np.ndarray:
             np.cos(angle),
             np.sin(angle),
         )
-    lane.raise_for(plant.method.entries.propagate(plant.model, lane.values, 0, 1))
+    lane.raise_for(plant.entries.propagate(plant.model, lane.values, 0, 1))
     return lane.values[:4, 0].copy()
 
 
@@ -186,9 +186,7 @@ def test_lane_that_diverges_among_many_is_an_error() -> None:
     lanes.restart()
     lanes.values[layout.V1, 3] = np.nan
     with pytest.raises(SimulationError, match="no longer finite"):
-        lanes.raise_for(
-            lanes.plant.method.entries.propagate(lanes.plant.model, lanes.values, 0, 16)
-        )
+        lanes.raise_for(lanes.plant.entries.propagate(lanes.plant.model, lanes.values, 0, 16))
 
 
 @pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("semi_implicit_euler", 1)])
