@@ -30,8 +30,8 @@ from mm_gym import ActionError, Scene
 BETWEEN_SAVES = 5.0
 """Time between checkpoints [s]."""
 
-UNCOUNTED = 100_000
-"""Rounds that no time budget reaches."""
+UNCOUNTED = 1_000_000
+"""Rounds that a time budget of hours does not reach, at forty a second."""
 
 
 class Search(ABC):
