@@ -7,9 +7,10 @@ those of ``--tasks``. Then write ``docs/tasks.md``: ``python -m agents task-page
 """
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -40,7 +41,7 @@ class Arguments:
 
 
 def add_controllers(
-    scores: dict[str, dict[str, list[dict[str, str | float]]]],
+    scores: dict[str, dict[str, Any]],
     names: Sequence[str],
     tasks: Sequence[str],
 ) -> None:
@@ -62,14 +63,17 @@ def add_controllers(
             except NOT_SCORED as error:
                 print(f"{task}: {entry.name}: not scored: {error}")
                 continue
-            names_of = {row["controller"]}
-            if role == "predictive":  # its name tells its horizon
-                names_of |= {one["controller"] for one in rows if one["role"] == role}
-            rows[:] = [one for one in rows if one["controller"] not in names_of]
+            kept = _without_numbers(row["controller"])
+            rows[:] = [one for one in rows if _without_numbers(one["controller"]) != kept]
             before = {"constant", "passive", "law", role}
             after = [k for k, one in enumerate(rows) if one["role"] in before]
             rows.insert(after[-1] + 1, row)
             print(f"{task}: {row['controller']}: {row['cost']:.4f}", flush=True)
+
+
+def _without_numbers(name: str) -> str:
+    """Return the name of a controller without what was tuned, which another search may change."""
+    return re.sub(r"-?\d[\d.]*(e[+-]\d+)?", "", name)
 
 
 def _role(entry: Entry) -> str:
@@ -81,7 +85,7 @@ def _role(entry: Entry) -> str:
     return "informed" if entry.role == "informed" else "law"
 
 
-def add_runs(scores: dict[str, dict[str, list[dict[str, str | float]]]], text: str) -> None:
+def add_runs(scores: dict[str, dict[str, Any]], text: str) -> None:
     """Score runs, and put them among the scores of their tasks."""
     for task, agents in agents_of((text,)).items():
         scene = load_scene(task)

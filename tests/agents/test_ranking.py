@@ -102,6 +102,15 @@ def test_the_passive_damper_is_that_of_the_tuning():
     assert passive_rows(TASKS["mm_gym/CarriageForceFriction-v0"]) == []
 
 
+def test_a_controller_takes_the_place_of_its_earlier_score_whatever_was_tuned():
+    stale = [row("law", "velocity feedback, 1.2e+04 N s/m", 0.4), row("law", "LQR", 0.5)]
+    scores = {FORCE: {"rows": [*ORDERED[:2], *stale]}}
+    ranking.add_controllers(scores, ["velocity-feedback"], [FORCE])
+    _, _, kept, new = scores[FORCE]["rows"]
+    assert kept["controller"] == "LQR"
+    assert new["controller"] == "velocity feedback, 5.8 N s/m"
+
+
 def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monkeypatch, capsys):
     folder = tmp_path / "ppo-1"
     folder.mkdir()
