@@ -1,6 +1,7 @@
 """Evolve a small network around a controller.
 
-For example ``python -m agents evolve PreStretchShock --seed 1``.
+For example ``python -m agents evolve PreStretchShock --seed 1``, or, added to a controller with a
+memory of its own, ``python -m agents evolve CarriageForceFriction --base inertial-drive``.
 
 The first argument is a task or a file of settings; flags override it. The same command continues an
 interrupted run from its last checkpoint. More ``--generations`` or ``--time-budget`` extend a

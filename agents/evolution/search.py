@@ -11,15 +11,18 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import cached_property
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
+from agents.control.controller import Controller
+from agents.controllers.learned import Residual
 from agents.controllers.searched import cma_strategy
 from agents.evolution.network_kernel import forward
 from agents.network.files import Arrays
 from agents.policies import Policy
+from agents.rollout import Rollout
 from agents.scoring import (
     VALIDATION_EPISODES,
     VALIDATION_SEED,
@@ -29,10 +32,11 @@ from agents.scoring import (
 )
 from agents.training.config import Count, Positive, SearchSettings, training_seeds
 from agents.training.network import Network
+from agents.training.parts import base_controller
 from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.search import Search
-from agents.training.starts import IN_WORDS, start_of
+from agents.training.starts import IN_WORDS, added_to, start_of
 from mm_gym import Episodes, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array, Single
 
@@ -58,8 +62,14 @@ class EvolveSettings(SearchSettings):
     scene's"""
     threads: Count = 2
     """threads that share a generation; results do not depend on it"""
+    base: str | None = None
+    """controller that the network is added to, a name or "FILE.py:NAME", with its own memory; it
+    observes the controller's action too and begins without influence, whatever the law"""
+    authority: Annotated[float, Field(gt=0, le=2)] = 1.0
+    """largest action that it adds to the base's, which ranges from -1 to 1"""
 
     growing: ClassVar[tuple[str, ...]] = ("generations", "time_budget")
+    own_code: ClassVar[tuple[str, ...]] = ("base", "reward")
 
 
 LANES = 384
@@ -67,7 +77,7 @@ LANES = 384
 
 
 class Trial(NamedTuple):
-    """What decides a candidate's cost: the scene, its networks, their episodes.
+    """What decides a candidate's cost: the scene, its networks, their episodes, and their base.
 
     A candidate's episodes are lanes side by side; its cost is the mean of those that cost most, the
     worst share of them.
@@ -77,13 +87,17 @@ class Trial(NamedTuple):
     network: Network
     episodes: int
     worst: float = 1.0
+    base: Controller | None = None
+    authority: float = 1.0
 
 
 class Population:
     """Costs of candidates, found in threads."""
 
     def __init__(self, trial: Trial, candidates: int, threads: int) -> None:
-        self.bounds = [*range(0, candidates, max(1, LANES // trial.episodes)), candidates]
+        # A base acts in NumPy, in one thread, to which more lanes at a time cost less.
+        most = LANES if trial.base is None else candidates * trial.episodes
+        self.bounds = [*range(0, candidates, max(1, most // trial.episodes)), candidates]
         self.parts = [Candidates(trial, count) for count in np.diff(self.bounds).tolist()]
         self.frames = candidates * trial.episodes * trial.scene.control.steps
         self.threads = ThreadPoolExecutor(threads)
@@ -106,11 +120,15 @@ class Candidates:
     """Some of the candidates, in one environment."""
 
     def __init__(self, trial: Trial, candidates: int) -> None:
-        scene, network, episodes, self.worst = trial
+        scene, network, episodes, self.worst, base, authority = trial
         self.steps, self.limit = scene.control.steps, limit_penalty(scene)
         self.parameters: Single = np.empty((candidates, network.free.size), np.float32)
-        lanes, start, (n, *_) = candidates * episodes, network.start, network.sizes
-        self.env = MovingMassVectorEnv(scene, lanes, info="none")
+        lanes, start, (n, _, self.k) = candidates * episodes, network.start, network.sizes
+        if base is None:
+            self.added, self.env = None, MovingMassVectorEnv(scene, lanes, info="none")
+        else:
+            self.added = Residual(base, self, authority)  # pyright: ignore[reportArgumentType] - acts as a policy
+            self.env = MovingMassVectorEnv(scene, lanes, autoreset_mode="Disabled")
         (known, acting), (r, _, _) = (start.keep.shape[0], start.back.shape[1]), start.pairs.shape
         self.sums: Single = np.empty((2 * r + known + acting, lanes), np.float32)
         fixed = tuple(
@@ -137,13 +155,48 @@ class Candidates:
         count, repeated = len(vectors), dict(options or {})
         for name, values in repeated.items():
             repeated[name] = np.tile(values, count)
-        self.env.reset(seed=list(seeds) * count, options=repeated)
-        episodes, steps = self.run(), self.steps
+        drawn: dict[str, Any] = {"seed": list(seeds) * count, "options": repeated}
+        if self.added is None:
+            self.env.reset(**drawn)
+            episodes = self.run()
+        else:
+            episodes = _episodes(Rollout(self.env, self.added, **drawn))
+        steps = self.steps
         # An early end costs as in `evaluate`.
         largest = np.maximum(self.limit, -episodes.least)
         left = episodes.terminated * (2 * steps - episodes.lengths)
         penalties = left * largest - episodes.returns
         return tail_mean(penalties.reshape(count, -1), self.worst) / steps
+
+    def check(self, observation: int, action: int) -> None:
+        """Take what the environment has: the networks were made for it."""
+
+    def begin(self, lanes: int) -> Array:
+        """Return no memory, which is in the sums."""
+        return np.empty((lanes, 0))
+
+    def step(self, observation: Single, memory: Array) -> tuple[Single, Array]:
+        """Return the actions (lanes, k) of the networks, each in lanes of its own."""
+        actions: Single = np.empty((self.k, len(observation)), np.float32)
+        forward(np.ascontiguousarray(observation.T), actions, *self.arguments)
+        return actions.T, memory
+
+
+def _episodes(rollout: Rollout) -> Episodes:
+    """Return what became of the episodes of all lanes, as a compiled loop does."""
+    lanes = rollout.env.num_envs
+    found = Episodes(
+        returns=np.zeros(lanes),
+        least=np.zeros(lanes),
+        lengths=np.zeros(lanes, np.int64),
+        terminated=np.zeros(lanes, np.bool_),
+    )
+    for step in rollout:
+        found.returns[:] += np.where(step.ran, step.reward, 0.0)
+        found.lengths[:] += step.ran
+        found.terminated[:] |= step.terminated & step.ran
+        found.least[:] = np.minimum(found.least, np.where(step.ran, step.reward, 0.0))
+    return found
 
 
 def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
@@ -174,21 +227,28 @@ class Evolution(Search):
         super().__init__(settings, scene)
         self.settings: EvolveSettings = settings
         generator = np.random.default_rng(settings.seed)
-        start = start_of(scene, settings, generator)
         odd, own = scene.actuation.names == ("force",), settings.scene is not None
-        scales = Scales.measured(scene, start) if own else None
+        base, scales = None, None
+        if settings.base is None:
+            start = start_of(scene, settings, generator)
+            self.began_as = IN_WORDS[start.law]
+            scales = Scales.measured(scene, start) if own else None
+        else:
+            base = base_controller(scene, settings.base)
+            start, self.began_as = added_to(scene, settings, generator), base.name
+            scales = Scales.around(scene, base, start) if own else None
         self.network = Network(start, settings.hidden, odd, scales)
-        self.began_as = IN_WORDS[start.law]
         self.first, self.generator = self.network.first(generator), generator
         self.free = self.network.free
         tolerance = max(settings.tolerance, scene.solver.tolerance)
         coarse = scene.replace(**{"solver.tolerance": tolerance})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the tolerance is of no use to exact plants
-            trial = Trial(coarse, self.network, settings.episodes, settings.worst)
+            acting = settings.worst, base, settings.authority
+            trial = Trial(coarse, self.network, settings.episodes, *acting)
             self.population = Population(trial, settings.candidates, settings.threads)
         self.worst = settings.worst
-        validated = Trial(scene, self.network, VALIDATION_EPISODES, self.worst)
+        validated = Trial(scene, self.network, VALIDATION_EPISODES, *acting)
         self.validation = Candidates(validated, 1)
         self.frames = self.population.frames
         self.strategy = cma_strategy(

@@ -27,12 +27,19 @@ from mm_gym.scene import Document
 from mm_gym.tasks import ids
 
 EVOLUTION, GRADIENT, VALUES = "evolution", "gradient", "value_iteration"
-RECURRENT, RESIDUAL = "recurrent", "residual"
-"""The algorithms of the commands evolve, descend and iterate, and descend and PPO with settings of
-their own, such as the cell and the law to which it is added; the others are those of train."""
+RECURRENT, RESIDUAL, EVOLVED_RESIDUAL = "recurrent", "residual", "evolved_residual"
+"""The algorithms of the commands evolve, descend and iterate, and descend, PPO and evolve with
+settings of their own, such as the cell and the law to which it is added; the others are those of
+train."""
 
 Learner: TypeAlias = Literal[
-    "evolution", "gradient", "recurrent", "value_iteration", "residual", Algorithm
+    "evolution",
+    "gradient",
+    "recurrent",
+    "value_iteration",
+    "evolved_residual",
+    "residual",
+    Algorithm,
 ]
 
 FIXED = {"task": "tasks", "algorithm": "algorithms", "seed": "seeds", "name": "name"}
@@ -44,6 +51,7 @@ SEARCHES = {
     EVOLUTION: (EvolveSettings, evolve),
     GRADIENT: (GradientSettings, descend),
     RECURRENT: (GradientSettings, descend),
+    EVOLVED_RESIDUAL: (EvolveSettings, evolve),
     VALUES: (IterateSettings, iterate),
 }
 """The searches by agents' own algorithms: their settings, and what runs them."""
@@ -77,8 +85,8 @@ class SweepSettings(Document):
     """registered ids, of which ``mm_gym/`` and ``-v0`` may be left out"""
     algorithms: Annotated[tuple[Learner, ...], Strict(False), Field(min_length=1)] = ("ppo",)
     """those of the command train; evolution, gradient and value_iteration, which are the commands
-    evolve, descend and iterate; recurrent, which is gradient with its own settings, and residual,
-    which is ppo with its own settings"""
+    evolve, descend and iterate; recurrent, residual and evolved_residual, which are gradient, ppo
+    and evolution with settings of their own"""
     seeds: Count = 1
     """trainings of each kind, with the seeds 0, 1, ..."""
     settings: Changes = Field(default_factory=dict[str, JsonValue])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
-from agents.controllers.learned import Learned
+from agents.controllers.learned import Learned, observed
 from agents.rollout import Rollout
 from agents.training.starts import Start
 from mm_gym import ActionError, MovingMassVectorEnv, Scene
@@ -62,6 +62,18 @@ class Scales:
             np.clip(outputs, LEAST, 1.0),
             _usable(updates),
         )
+
+    @classmethod
+    def around(cls, scene: Scene, base: Controller, start: Start) -> Scales:
+        """Return those of what is added to a base, in episodes under it alone."""
+        env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
+        squares = [
+            np.mean(observed(step.observation, step.action) ** 2, axis=0)
+            for step in Rollout(env, base, seed=SEED)
+        ]
+        sizes, units = np.sqrt(np.mean(squares, axis=0)), np.ones(len(start.units))
+        acted = np.clip(sizes[-len(start.direct) :], LEAST, 1.0)
+        return cls(_usable(np.concatenate([sizes, units])), acted, np.ones(0))
 
 
 def _usable(sizes: Array) -> Array:

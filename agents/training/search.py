@@ -182,7 +182,7 @@ class Search(ABC):
                 tqdm.write("comparing with the classical controllers, for some minutes", sys.stderr)
             best = best_controller(self.scene, worst=self.worst)
             ending.controller, ending.controller_cost = best
-        if ending.is_worse:
+        if ending.is_worse and getattr(self.settings, "base", None) is None:
             without = without_control(self.scene)
             if validation_cost(self.scene, Learned(without), self.worst) < progress.least_cost:
                 policy, ending.replaced = without, True

@@ -188,6 +188,18 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
     if plant.most_delay and not start.back.size:
         # The newest frames do not show yet what these actions did.
         start = start.recalling(plant.most_delay + plant.history - 1)
+    return _with_units(start, extra, generator)
+
+
+def added_to(scene: Scene, settings: SearchSettings, generator: np.random.Generator) -> Start:
+    """Return what adds nothing to a base, whose action is observed after the environment's."""
+    k, shown = len(scene.actuation.names), Shown(scene).count
+    nothing = np.empty((0, 2, shown + k)), np.empty((0, 4)), np.zeros((k, 1 + shown + k))
+    return _with_units(Start(*nothing, np.empty(0)), settings.extra, generator)
+
+
+def _with_units(start: Start, extra: int, generator: np.random.Generator) -> Start:
+    """Return it with correlation units that are drawn."""
     drawn = 0.5 * generator.standard_normal((extra, *start.pairs.shape[1:]))
     return replace(
         start,

@@ -10,15 +10,18 @@ import pytest
 from agents.commands import evolve as command
 from agents.control.feedback import Feedback
 from agents.controllers.clipped_lqr import ClippedLQR
-from agents.controllers.learned import Learned
+from agents.controllers.learned import Learned, Residual
 from agents.controllers.lqr import LQR
 from agents.evolution.network_kernel import forward
 from agents.evolution.search import LANES, Evolution, EvolveSettings, Population, Trial, evolve
 from agents.policies import load_policy
 from agents.scoring import VALIDATION_SEED, evaluate, validation_cost
+from agents.training.ending import read_ending
 from agents.training.network import Network
+from agents.training.parts import agent_of, base_controller, recorded_parts
 from agents.training.runs import Run, RunError
-from agents.training.starts import Start, start_of
+from agents.training.scales import Scales, size_of_actions
+from agents.training.starts import Start, added_to, start_of
 from mm_gym import DesignError, MovingMassVectorEnv, load_scene
 
 TINY = EvolveSettings(
@@ -30,6 +33,19 @@ TINY = EvolveSettings(
     evaluations=3,
     hidden=4,
 )
+
+
+BAD = """
+import numpy as np
+
+class Law:
+    def __init__(self, scene):
+        pass
+
+    def action(self, memory, state, applied):
+        return np.sign(state[:, 2:3]), memory
+"""
+"""A controller that pushes the way that the carriage goes."""
 
 
 def changed(**fields):
@@ -253,6 +269,72 @@ class TestPopulations:
         want = np.sqrt(np.sort(penalties)[-round(100 * worst) :].mean())
         # The kernel acts in single precision.
         assert found == pytest.approx(want, rel=1e-4)
+
+
+class TestBases:
+    """The controllers have a memory: the drive its mode, the LQG its estimate."""
+
+    @pytest.mark.parametrize(
+        ("task", "base"),
+        [("CarriageForceFriction", "inertial-drive"), ("CarriageForce", "lqg")],
+    )
+    def test_starts_exactly_as_the_base(self, task, base):
+        settings = changed(task=f"mm_gym/{task}-v0", base=base)
+        search = Evolution(settings, settings.load_scene())
+        controller = base_controller(search.scene, base)
+        policy = search._policy({"vector": search.first})
+        added = Residual(controller, policy, settings.authority)
+        got, want = (evaluate(search.scene, one, episodes=10) for one in (added, controller))
+        np.testing.assert_array_equal(got.penalties, want.penalties)
+        # The rewards are summed in another order.
+        assert search._cost({"vector": search.first}) == pytest.approx(
+            validation_cost(search.scene, controller), rel=1e-12
+        )
+        assert search.began_as == controller.name
+
+    @pytest.mark.parametrize(
+        ("task", "base", "changes", "spread"),
+        [
+            # In a large change the drive's switches fall on either side of a rounding.
+            ("CarriageForceFriction", "inertial-drive", {}, 0.03),
+            ("CarriageForce", "lqr", {"objective.displacement_limit": 0.004}, 0.3),
+            ("PreStretchNoise", "clipped-lqr", {"control.steps": 40}, 0.3),
+        ],
+    )
+    def test_costs_are_those_of_an_evaluation(self, task, base, changes, spread):
+        scene, rng = scene_of(task).replace(**changes), np.random.default_rng(0)
+        controller = base_controller(scene, base)
+        network = Network(added_to(scene, EvolveSettings(), rng), 4, odd=False)
+        vectors = network.first(rng) + spread * rng.standard_normal((5, network.free.size))
+        population = Population(Trial(scene, network, 6, 0.5, controller, 0.7), 5, 2)
+        for _ in range(2):  # what one generation leaves must not change the next
+            costs = population.costs(vectors, range(VALIDATION_SEED, VALIDATION_SEED + 6))
+        population.close()
+        for vector, cost in zip(vectors, costs, strict=True):
+            added = Residual(controller, network.policy(vector), 0.7)
+            penalties = evaluate(scene, added, seed=VALIDATION_SEED, episodes=6).penalties
+            # The kernel acts in single precision.
+            np.testing.assert_allclose(cost, np.sort(penalties)[-3:].mean(), rtol=1e-3)
+
+    def test_agent_of_a_base_worse_than_no_control_keeps_the_base(self, tmp_path):
+        (tmp_path / "bad.py").write_text(BAD)
+        settings = changed(base=f"{tmp_path}/bad.py:Law", generations=1, authority=0.01)
+        run = Run("tiny", tmp_path)
+        evolve(settings, run)
+        ending = read_ending(run)
+        assert ending.is_worse
+        parts = recorded_parts(settings.load_scene(), run.read()["settings"], trust=True)
+        cost = validation_cost(parts.scene, agent_of(run, parts))
+        assert cost == pytest.approx(ending.cost, rel=1e-6)
+
+    def test_sizes_of_an_own_scene_are_those_under_the_base(self):
+        scene = scene_of("CarriageForce")
+        base = base_controller(scene, "lqr")
+        start = added_to(scene, EvolveSettings(extra=2), np.random.default_rng(0))
+        scales = Scales.around(scene, base, start)
+        assert scales.inputs.shape == (start.direct.shape[1] - 1,)
+        assert scales.outputs[0] == pytest.approx(size_of_actions(scene, base), rel=1e-6)
+        np.testing.assert_allclose(scales.inputs[-3], scales.outputs[0])
 
 
 class TestRuns:

@@ -142,6 +142,17 @@ def test_recurrent_is_gradient_with_settings_of_its_own():
     assert recurrent.hidden == gradient.hidden > GradientSettings().hidden  # of the task's file
 
 
+def test_evolved_residual_is_evolution_with_settings_of_its_own():
+    settings = SweepSettings(
+        tasks=("CarriageForce",),
+        algorithms=("evolution", "evolved_residual"),
+        settings={"evolution.hidden": 4, "evolved_residual.base": "lqg"},
+    )
+    evolution, added = settings.trials()
+    assert (evolution.base, evolution.hidden) == (None, 4)
+    assert (added.base, added.hidden) == ("lqg", EvolveSettings().hidden)
+
+
 def test_residual_is_ppo_around_a_law_and_each_table_goes_over_the_one_before():
     common = {"steps": 10, "ppo": {"epochs": 3}}
     settings = SweepSettings(
