@@ -56,16 +56,20 @@ def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
     ]
 
 
-def scores_of(variant: str, agents: Mapping[str, Sequence[Controller]]) -> list[Row]:
+def scores_of(
+    variant: str, agents: Mapping[str, Sequence[Controller]], known: Sequence[Row] | None = None
+) -> list[Row]:
     """Return a row for each controller of a variant, and for each agent.
 
-    Agents are given by the id of the task or variant that they were trained on.
+    Agents are given by the id of the task or variant that they were trained on. Rows of controllers
+    that are known are not made again.
     """
     scenes = rigs_of(variant)
     trained = {"specialist": task_of(variant), "over the rigs": variant}
-    rows = controllers_of(scenes["rigs"])
-    rows += [(role, one) for role, task in trained.items() for one in agents.get(task, ())]
-    return [_row(role, one, scenes) for role, one in rows]
+    rows = [row for row in known or () if row["role"] not in trained]
+    new = [] if rows else controllers_of(scenes["rigs"])
+    new += [(role, one) for role, task in trained.items() for one in agents.get(task, ())]
+    return rows + [_row(role, one, scenes) for role, one in new]
 
 
 def _row(role: str, controller: Controller, scenes: Mapping[str, Scene]) -> Row:

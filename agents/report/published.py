@@ -2,12 +2,13 @@
 
 import json
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, Field, ValidationError
 
+from agents.controllers.learned import Learned
 from agents.policies import PolicyError, load_policy
 from agents.report.pages import commit, render
 from agents.scoring import evaluate
@@ -17,7 +18,7 @@ from agents.training.parts import recorded_parts
 from agents.training.runs import Run
 from mm_gym import SceneError, load_scene
 from mm_gym.files import read_bytes, read_json, write_bytes, write_text
-from mm_gym.tasks import short_name
+from mm_gym.tasks import ids, short_name
 
 DOCS = Path(__file__).parents[2] / "docs"
 FOLDER = DOCS / "policies"
@@ -144,6 +145,15 @@ def read_published(folder: Path = FOLDER) -> Published:
         raise SceneError(msg) from None
 
 
+def published_agents(
+    tasks: Container[str], published: Published, folder: Path = FOLDER
+) -> Iterator[tuple[str, Learned]]:
+    """Yield the published policies of some tasks, each with its task, that stand alone."""
+    for row in published.rows:
+        if row.task in tasks and row.base is None and row.file is not None:
+            yield row.task, Learned(load_policy(folder / row.file), row.file)
+
+
 def printed(cost: float) -> str:
     """Return a cost as the page has it."""
     return f"{cost:.4f}"
@@ -168,7 +178,8 @@ def scored_again(published: Published, folder: Path = FOLDER) -> Iterator[tuple[
 
 def page(published: Published) -> str:
     """Return the page of the published policies, ``docs/published.md``."""
-    found = published.rows
+    found, tasks = published.rows, ids()
+    own = [row for row in found if row.task in tasks]  # the others are of variants
     rows = [
         [
             short_name(row.task),
@@ -188,8 +199,9 @@ def page(published: Published) -> str:
         largest=LARGEST // 1000,
         episodes=EPISODES,
         scored=list(dict.fromkeys(row.scored for row in found)),
-        others=[row.name for row in found if not row.with_results],
-        missing=_missing(found),
+        others=[row.name for row in own if not row.with_results],
+        own=len(own),
+        missing=_missing(own),
         left_out=any(row.file is None for row in found),
     )
 

@@ -77,7 +77,8 @@ def with_others(text: str, published: Published) -> str:
 def _others(published: Published, details: Sequence[Sequence[str]]) -> dict[str, object]:
     """Return the data of the last section: the published rows, and those of the page's tables."""
     above = {(task, name): (seeds, span) for task, _, name, seeds, span, *_ in details}
-    others = [row for row in published.rows if not row.with_results]
+    own = ids()  # variants on rigs that differ have a page of their own
+    others = [row for row in published.rows if row.task in own and not row.with_results]
     rows: list[list[str]] = []
     outside: list[str] = []
     for row in others:

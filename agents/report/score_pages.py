@@ -223,7 +223,8 @@ def robustness_page(scores: Mapping[str, Any]) -> str:
         widths={name: one.default for name, one in signature(over_rigs).parameters.items()},
         delays=DELAYS,
         scores=scores,
-        compared={short_name(name): rows for name, rows in compared.items() if None not in rows},
+        compared={short_name(name): rows for name, rows in compared.items() if rows[-1]},
+        not_better=[short_name(name) for name, rows in compared.items() if not _agent_wins(rows)],
     )
 
 
@@ -234,6 +235,12 @@ def _compared(rows: Sequence[Row]) -> list[Row | None]:
         min((row for row in rows if row["role"] == role), key=itemgetter(where), default=None)
         for role, where in wanted.items()
     ]
+
+
+def _agent_wins(compared: Sequence[Row | None]) -> bool:
+    """Tell whether the agent over the rigs costs less there than the best controller."""
+    controller, _, agent = compared
+    return bool(controller and agent) and agent["rigs"] < controller["rigs"]
 
 
 def sealed_page(data: Mapping[str, Any]) -> str:

@@ -24,7 +24,7 @@ from mm_gym import SceneError
 from mm_gym.errors import suggest
 from mm_gym.files import write_csv, write_text
 from mm_gym.scene import Document
-from mm_gym.tasks import ids
+from mm_gym.tasks import ids, robust_ids
 
 EVOLUTION, GRADIENT, VALUES = "evolution", "gradient", "value_iteration"
 RECURRENT, RESIDUAL, EVOLVED_RESIDUAL = "recurrent", "residual", "evolved_residual"
@@ -110,7 +110,8 @@ class SweepSettings(Document):
         Raise `SceneError` if a setting is wrong; the message names the training.
         """
         tasks = [short_name(task) for task in self.tasks]
-        _check_names("task_settings", self.task_settings, [short_name(task) for task in ids()])
+        known = [short_name(task) for task in (*ids(), *robust_ids())]
+        _check_names("task_settings", self.task_settings, known)
         _check_names("algorithm_settings", self.algorithm_settings, LEARNERS)
         choices = itertools.product(tasks, self.algorithms, self.variants, range(self.seeds))
         trials = [self._trial(*choice) for choice in choices]

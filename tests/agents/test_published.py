@@ -21,6 +21,7 @@ from agents.report.published import (
 )
 from agents.report.results_page import with_others
 from mm_gym import SceneError
+from mm_gym.tasks import robust_ids
 
 RESULTS = PAGE.with_name("results.md")
 RECORDED = read_published()
@@ -57,6 +58,13 @@ def test_cost_outside_the_range_of_the_page_of_results_is_named():
         changed = row.model_copy(update={"cost": cost, "with_results": False})
         found = with_others(text, RECORDED.model_copy(update={"rows": [changed]}))
         assert (f"- {row.name}: {printed(cost)}; the table above has 0." in found) is named
+
+
+def test_page_of_results_leaves_out_variants_on_rigs_that_differ():
+    text, row = RESULTS.read_text(encoding="utf-8"), RECORDED.rows[0]
+    variant = row.model_copy(update={"task": robust_ids()[0], "with_results": False})
+    found = RECORDED.model_copy(update={"rows": [*RECORDED.rows, variant]})
+    assert with_others(text, found) == text
 
 
 def test_what_has_no_training_here_stays_published(folder):

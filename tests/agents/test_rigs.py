@@ -11,10 +11,15 @@ from agents.control.actuators import Actuators
 from agents.control.observed_state import ObservedState
 from agents.control.scene import drawn_but
 from agents.control.trajectories import Trajectories
+from agents.controllers.learned import Learned
 from agents.evaluation.rigs import rigs_of, scores_of, task_of
 from agents.evaluation.studies import variants
+from agents.evolution.search import EvolveSettings
+from agents.report.published import published_agents, read_published
 from agents.report.score_pages import ROBUSTNESS as PAGE
 from agents.report.score_pages import robustness_page as page
+from agents.scoring import validation_cost
+from agents.training.starts import start_of
 from mm_gym import DesignError, MovingMassVectorEnv, load_scene
 from mm_gym.tasks import robust_ids
 
@@ -46,6 +51,33 @@ def test_rows_are_of_the_rigs_and_of_the_task_with_each_delay():
     assert lqg["late 1"] < min(lqg["late 0"], lqg["late 2"])
     others = [row for row in rows if not row["controller"].startswith("LQG")]
     assert lqg["rigs"] < min(row["rigs"] for row in others)
+
+
+def test_rows_of_controllers_stay_and_those_of_agents_are_made_anew():
+    rows = [{"role": "controller", "controller": "LQR"}, {"role": "specialist", "controller": "A"}]
+    assert scores_of(VARIANT, {}, rows) == rows[:1]
+
+
+def test_agents_are_the_published_policies_of_the_task_and_of_the_variant():
+    task, published = task_of(VARIANT), read_published()
+    found = [(one, agent.name) for one, agent in published_agents((task, VARIANT), published)]
+    own = [row for row in published.rows if row.task in (task, VARIANT) and row.base is None]
+    assert found == [(row.task, row.file) for row in own] != []
+
+
+@pytest.mark.parametrize("name", ["PreStretchShockRobust", "PreStretchNoiseRobust"])
+def test_search_on_a_variant_begins_as_a_filter_that_switches_no_more_than_is_known(name):
+    variant = f"mm_gym/{name}-v0"
+    scene = load_scene(variant)
+    start, other = (
+        start_of(scene, EvolveSettings(task=task), np.random.default_rng(0))
+        for task in (variant, task_of(variant))
+    )
+    cost, plain = (validation_cost(scene, Learned(one.policy())) for one in (start, other))
+    assert start.law == "switching"
+    assert len(start.units) == 1
+    assert len(start.keep) > len(other.keep)
+    assert cost < 1.01 * plain  # which is no control under noise
 
 
 def test_the_page_is_that_of_its_scores(monkeypatch, tmp_path, capsys):
