@@ -67,7 +67,7 @@ def scores_of(
     scenes = rigs_of(variant)
     trained = {"specialist": task_of(variant), "over the rigs": variant}
     rows = [row for row in known or () if row["role"] not in trained]
-    new = [] if rows else controllers_of(scenes["rigs"])
+    new: list[tuple[str, Controller]] = [] if rows else controllers_of(scenes["rigs"])
     new += [(role, one) for role, task in trained.items() for one in agents.get(task, ())]
     return rows + [_row(role, one, scenes) for role, one in new]
 

@@ -240,7 +240,9 @@ def _compared(rows: Sequence[Row]) -> list[Row | None]:
 def _agent_wins(compared: Sequence[Row | None]) -> bool:
     """Tell whether the agent over the rigs costs less there than the best controller."""
     controller, _, agent = compared
-    return bool(controller and agent) and agent["rigs"] < controller["rigs"]
+    if controller is None or agent is None:
+        return False
+    return bool(agent["rigs"] < controller["rigs"])
 
 
 def sealed_page(data: Mapping[str, Any]) -> str:
