@@ -7,7 +7,7 @@ from agents.scoring import evaluate
 from agents.training.config import TimedSettings
 from agents.training.ending import notes_of
 from agents.training.misfits import print_misfits
-from agents.training.parts import agent_of, recorded_parts
+from agents.training.parts import agent_of, make_parts
 from agents.training.runs import Run
 
 Settings = TypeVar("Settings", bound="TimedSettings")
@@ -21,7 +21,7 @@ def search_and_score(settings: Settings, search: Callable[[Settings, Run], None]
     print_misfits(settings)
     with run.advised():
         search(settings, run)
-        parts = recorded_parts(settings.load_scene(), run.read()["settings"], trust=True)
+        parts = make_parts(settings)
         cost = evaluate(parts.scene, agent_of(run, parts), episodes=EPISODES).cost
     compare = f"compare it with every controller: python -m agents evaluate {run.folder}"
     told = f"{cost:.4f} is its cost on {EPISODES} held-out episodes"

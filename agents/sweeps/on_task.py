@@ -19,7 +19,7 @@ from agents.evolution.search import EvolveSettings
 from agents.policies import Policy, load_policy
 from agents.scoring import Evaluation, evaluate, validation_cost
 from agents.sweeps.trials import LEARNERS, algorithm_of
-from agents.training.config import RunSettings, TrainSettings, short_name
+from agents.training.config import RunSettings, short_name
 from agents.training.parts import Parts, make_parts
 from agents.training.runs import Run, RunError
 from agents.training.starts import start_of
@@ -224,9 +224,6 @@ def _trained(trials: Sequence[RunSettings], folder: Path) -> list[Controller]:
     found: list[Controller] = []
     for trial in trials:
         policy = load_policy(Run(trial.name, folder).policy)
-        if not isinstance(trial, TrainSettings):
-            found.append(Learned(policy, trial.name))
-            continue
         same = trial.model_copy(update={"seed": 0, "name": ""}).model_dump_json()
         if same not in parts:
             parts[same] = make_parts(trial)

@@ -8,7 +8,7 @@ from agents.controllers.learned import Learned, Residual
 from agents.controllers.registry import laws, not_a_law
 from agents.controllers.user_defined import user_defined
 from agents.policies import AnyPolicy, PolicyError, load_policy
-from agents.training.config import TrainSettings
+from agents.training.config import RunSettings
 from agents.training.ending import read_ending
 from agents.training.runs import Run
 from mm_gym import DesignError, Scene, SceneError, rewarded
@@ -33,7 +33,7 @@ class Parts:
         return Residual(self.base, policy, self.authority, name)
 
 
-def make_parts(settings: TrainSettings) -> Parts:
+def make_parts(settings: RunSettings) -> Parts:
     """Return the parts of a training; files that its settings name are run.
 
     Raises
@@ -41,7 +41,8 @@ def make_parts(settings: TrainSettings) -> Parts:
     SceneError
         If a part cannot be made.
     """
-    return _parts(settings.rewarded_scene(), settings.base, settings.authority)
+    base, authority = getattr(settings, "base", None), getattr(settings, "authority", 0.0)
+    return _parts(settings.rewarded_scene(), base, authority)
 
 
 def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:

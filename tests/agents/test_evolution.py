@@ -16,9 +16,10 @@ from agents.evolution.network_kernel import forward
 from agents.evolution.search import LANES, Evolution, EvolveSettings, Population, Trial, evolve
 from agents.policies import load_policy
 from agents.scoring import VALIDATION_SEED, evaluate, validation_cost
+from agents.sweeps.on_task import trainings_of
 from agents.training.ending import read_ending
 from agents.training.network import Network
-from agents.training.parts import agent_of, base_controller, recorded_parts
+from agents.training.parts import agent_of, base_controller, make_parts, recorded_parts
 from agents.training.runs import Run, RunError
 from agents.training.scales import Scales, size_of_actions
 from agents.training.starts import Start, added_to, start_of
@@ -326,6 +327,16 @@ class TestBases:
         parts = recorded_parts(settings.load_scene(), run.read()["settings"], trust=True)
         cost = validation_cost(parts.scene, agent_of(run, parts))
         assert cost == pytest.approx(ending.cost, rel=1e-6)
+
+    def test_sweeps_score_it_with_its_base(self, tmp_path):
+        settings = changed(base="lqr", generations=1, name="CarriageForce-evolved_residual-plain-0")
+        run = Run(settings.name, tmp_path)
+        evolve(settings, run)
+        (trainings,), _ = trainings_of([settings], tmp_path)
+        agent = agent_of(run, make_parts(settings))
+        assert trainings.algorithm == "evolved_residual"
+        want = evaluate(settings.load_scene(), agent, episodes=100)
+        np.testing.assert_array_equal(trainings.results[0].penalties, want.penalties)
 
     def test_sizes_of_an_own_scene_are_those_under_the_base(self):
         scene = scene_of("CarriageForce")
