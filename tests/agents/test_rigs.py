@@ -62,7 +62,8 @@ def test_agents_are_the_published_policies_of_the_task_and_of_the_variant():
     task, published = task_of(VARIANT), read_published()
     found = [(one, agent.name) for one, agent in published_agents((task, VARIANT), published)]
     own = [row for row in published.rows if row.task in (task, VARIANT) and row.base is None]
-    assert found == [(row.task, row.file) for row in own] != []
+    assert found == [(row.task, row.file) for row in own]
+    assert {one for one, _ in found} == {task, VARIANT}
 
 
 @pytest.mark.parametrize("name", ["PreStretchShockRobust", "PreStretchNoiseRobust"])
