@@ -14,7 +14,7 @@ from agents.network.onnx import onnx_bytes
 from agents.policies import Policy, network
 
 
-def policy_of(sizes, activation, r=0, m=0, seed=0, *, back=False, **more):
+def policy_of(sizes, activation, r=0, m=0, seed=0, *, back=False, fade=None, **more):
     rng = np.random.default_rng(seed)
     n, *_, k = sizes
     widths = [n + m + r, *sizes[1:]]
@@ -31,6 +31,8 @@ def policy_of(sizes, activation, r=0, m=0, seed=0, *, back=False, **more):
         optional |= {"keep": 0.5 * drawn(m, m), "enter": drawn(m, n)}
     if back:
         optional["back"] = drawn(m, k)
+    if fade is not None:
+        optional |= {"early": 0.5 * drawn(m, m + n + k), "fade": [fade]}
     return network(
         weights=tuple(drawn(after, before) for before, after in itertools.pairwise(widths)),
         biases=tuple(drawn(after) for after in widths[1:]),
@@ -48,6 +50,7 @@ POLICIES = {
     "linear memory alone": policy_of([6, 4, 2], "rational", m=3),
     "observer": policy_of([15, 8, 1], "rational", r=2, m=4, back=True),
     "observer of two actions": policy_of([6, 4, 2], "rational", m=3, back=True),
+    "observer that settles": policy_of([6, 4, 2], "rational", r=1, m=3, back=True, fade=0.9),
     "deep": policy_of([12, 64, 64, 1], "tanh"),
     "relu": policy_of([5, 32, 2], "relu"),
     "linear": policy_of([4, 1], "tanh"),

@@ -38,7 +38,7 @@ from agents.training.network import Network as Evolved
 from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.search import Search
-from agents.training.starts import IN_WORDS, Start, start_of
+from agents.training.starts import IN_WORDS, WEIGHTS_OF_MEMORY, Start, settling, start_of
 from mm_gym import ActionError, Scene
 from mm_gym.arrays import Single
 
@@ -89,6 +89,7 @@ class Descent(Search):
         generator = np.random.default_rng(settings.seed)
         start = start_of(scene, settings, generator)
         self.began_as = IN_WORDS[start.law]
+        start = settling(scene, start) if own else start
         start = with_oscillators(start, settings.oscillators, generator)
         self.odd = scene.actuation.names == ("force",)
         scales = Scales.measured(scene, start) if own else Scales.stated(start)
@@ -119,7 +120,7 @@ class Descent(Search):
                 self.network,
                 fade ** (1.0 / self.trust),
                 settings.feedback,
-                inwards=settings.scene is not None,
+                inwards=0.0 if settings.scene is None else 1.0 - self.done,
             )
             size = self._follow(rate * self.trust)
         self.size, self.trust = size, trusted(self.trust, size)
@@ -206,4 +207,5 @@ def _sizes(scales: Scales, start: Start) -> Arrays:
         "enter": updates / x[:n],
         "back": updates / u[:, 0],
     }
+    sizes["early"] = np.hstack([sizes[name] for name in WEIGHTS_OF_MEMORY])
     return {name: size.astype(np.float32) for name, size in sizes.items()}

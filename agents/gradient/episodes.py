@@ -111,7 +111,7 @@ class Episodes:
         return values[row].astype(np.int64)
 
     def back(
-        self, network: Network, fade: float, feedback: float = 1.0, *, inwards: bool = False
+        self, network: Network, fade: float, feedback: float = 1.0, *, inwards: float = 0.0
     ) -> None:
         """Write the gradient of the mean cost, as far as it does not fade, into the network.
 
@@ -128,9 +128,10 @@ class Episodes:
             Part of the slopes over the observations that is followed to the motion they show. With
             1, no fading, and `most` out of reach, the gradient is exact.
         inwards
-            Whether an action that was clipped has the slope on the inner side of its limit where
-            that leads back inside. The exact slope is zero: what always asks for too much never
-            learns when it should ask for less.
+            Part of the slope on the inner side of its limit that an action has that was clipped,
+            where it leads back inside. The exact slope is zero: what always asks for too much never
+            learns when it should ask for less. With all of it, what should be clipped asks for too
+            little.
         """
         network.begin_back()
         part = 2.0 / (self.lanes * self.steps)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.network.layers import UNIT, Correlation
+from agents.network.layers import UNIT, Correlation, SettlingObserver
 from agents.policies import Policy
 from agents.training.arrays import Arrays
 from agents.training.starts import Start
@@ -14,6 +14,8 @@ Parameters = dict[str, Single]
 
 REAL = np.float32
 """Of the passes; the physics is in double precision."""
+
+NONE = np.empty((0, 0), REAL)
 
 LONGEST = 0.995
 """Largest eigenvalue of a memory that began with no larger one: what is older than some 200 steps
@@ -31,7 +33,7 @@ ROLES = {
     "layers.0.bias": "bias",
     "layers.2.weight": "output",
     "layers.2.bias": "last",
-} | {name: name for name in ("keep", "enter", "back", "pairs", "direct")}
+} | {name: name for name in ("keep", "enter", "back", "early", "pairs", "direct")}
 """By the end of an array's name: what it is to a policy with one hidden layer."""
 
 
@@ -85,7 +87,12 @@ def with_oscillators(start: Start, count: int, generator: np.random.Generator) -
     pairs = np.pad(start.pairs, ((0, 0), (0, 0), (0, 2 * count)))
     direct = np.insert(start.direct, [1 + n + m] * 2 * count, 0.0, axis=1)
     back = np.pad(start.back, ((0, size - len(start.back)), (0, 0)))
-    return replace(start, pairs=pairs, direct=direct, keep=keep, enter=enter, back=back)
+    early = start.early
+    if early.size:
+        early = np.pad(np.insert(early, [m] * 2 * count, 0.0, axis=1), ((0, 2 * count), (0, 0)))
+    return replace(
+        start, pairs=pairs, direct=direct, keep=keep, enter=enter, back=back, early=early
+    )
 
 
 def longest(keep: Single) -> float:
@@ -124,11 +131,14 @@ class Network:
         correlation = policy.find(Correlation)
         numbers = np.empty((0, len(UNIT)), np.float32) if correlation is None else correlation.units
         self.kept, self.floor, self.offset, self.scale = numbers.T[:, :, None]
-        units = len(numbers)
+        units, settling = len(numbers), policy.find(SettlingObserver)
+        self.settles = 0.0 if settling is None else settling.fade.item()
         self.memory, self.acting = self.parameters.get("back", np.empty((0, 0))).shape
         if not self.acting:
             self.memory = policy.remembers - 2 * units
         self.observed, hidden, actions = policy.sizes
+        m, n = self.memory, self.observed
+        self._early = {"keep": slice(m), "enter": slice(m, m + n), "back": slice(m + n, None)}
         self.shown = self.observed + self.memory
         sizes = self.shown + units, 2 * units, units, units, hidden, hidden
         records = (np.empty((steps, rows, lanes), REAL) for rows in sizes)
@@ -145,11 +155,12 @@ class Network:
         own, inputs, n = self.parameters, self.inputs[step], self.observed
         inputs[:n] = observation
         if self.memory:
-            memory = np.matmul(own["enter"], inputs[:n], out=inputs[n : self.shown])
+            keep, enter, back = self._weights(step)
+            memory = np.matmul(enter, inputs[:n], out=inputs[n : self.shown])
             if step > 0:
-                memory += own["keep"] @ self.inputs[step - 1, n : self.shown]
+                memory += keep @ self.inputs[step - 1, n : self.shown]
                 if self.acting:
-                    memory += own["back"] @ self.acted[step - 1]
+                    memory += back @ self.acted[step - 1]
         if self.kept.size:
             inputs[self.shown :] = self._correlate(step, inputs[: self.shown])
         sums = np.matmul(own["hidden"], inputs, out=self.sums[step])
@@ -174,12 +185,25 @@ class Network:
             squares += self.kept * self.squares[step - 1]
         return (products / (self.floor + squares) - self.offset) * self.scale
 
+    def _weights(self, step: int) -> tuple[Single, Single, Single]:
+        """Return `keep`, `enter` and `back` of the linear memory in a step."""
+        own = self.parameters
+        weights = [own.get(name, NONE) for name in self._early]
+        if "early" in own:
+            early = REAL(self.settles**step) * own["early"]
+            weights = [
+                one + early[:, part]
+                for one, part in zip(weights, self._early.values(), strict=True)
+            ]
+        keep, enter, back = weights
+        return keep, enter, back
+
     def begin_back(self) -> None:
         """Begin the way back, at an episode's end."""
         for slopes in (*self.gradient.values(), *self._remembered, self.by_acted):
             slopes[:] = 0.0
 
-    def back(self, step: int, by_action: Array, *, inwards: bool = False) -> Single:
+    def back(self, step: int, by_action: Array, *, inwards: float = 0.0) -> Single:
         """Return the slopes over the observation (n, lanes), given the motion's over the actions.
 
         Those over the parameters are added to the gradient. Steps come from the last to the first.
@@ -188,10 +212,8 @@ class Network:
         by_asked = by_action.astype(REAL)
         if self.acting:
             by_asked += self.by_acted
-        followed = self.free[step]
-        if inwards:
-            followed = followed | (by_asked * self.acted[step] > 0.0)
-        by_asked *= followed
+        leads_inside = by_asked * self.acted[step] > 0.0
+        by_asked *= np.maximum(self.free[step], REAL(inwards) * leads_inside)
         add["last"] += by_asked.sum(axis=1)
         add["direct"] += by_asked @ inputs.T
         add["output"] += by_asked @ self.hidden[step].T
@@ -209,15 +231,20 @@ class Network:
             by_shown += own["pairs"].T @ by_pairs
         if self.memory:
             self.by_memory += by_shown[n:]
+            keep, enter, back = self._weights(step)
+            slopes = {"enter": self.by_memory @ inputs[:n].T}
             if step > 0:
-                add["keep"] += self.by_memory @ self.inputs[step - 1, n : self.shown].T
+                slopes["keep"] = self.by_memory @ self.inputs[step - 1, n : self.shown].T
                 if self.acting:
-                    add["back"] += self.by_memory @ self.acted[step - 1].T
+                    slopes["back"] = self.by_memory @ self.acted[step - 1].T
+            for name, slope in slopes.items():
+                add[name] += slope
+                if "early" in own:
+                    add["early"][:, self._early[name]] += REAL(self.settles**step) * slope
             if self.acting:
-                self.by_acted[:] = own["back"].T @ self.by_memory
-            add["enter"] += self.by_memory @ inputs[:n].T
-            by_shown[:n] += own["enter"].T @ self.by_memory
-            self.by_memory[:] = own["keep"].T @ self.by_memory
+                self.by_acted[:] = back.T @ self.by_memory
+            by_shown[:n] += enter.T @ self.by_memory
+            self.by_memory[:] = keep.T @ self.by_memory
         return by_shown[:n]
 
     def _correlate_back(self, step: int, by_units: Single) -> Single:

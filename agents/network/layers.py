@@ -329,13 +329,50 @@ class Observer(_Around):
         return made
 
     def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
-        m, own = len(self.keep), sum(self.back.shape)
-        before, action = memory[:, :m], memory[:, m:own]
-        state = before @ self.keep.T + values @ self.enter.T + action @ self.back.T
+        own, state = sum(self.back.shape), self.state(xp, values, memory)
         shown = xp.concatenate([values, state], 1)
         action, inner = run(self.layers, xp, shown, memory[:, own:])
         after = [state, action, inner] if super().remembers else [state, action]
         return action, xp.concatenate(after, 1)
+
+    def state(self, _xp: ModuleType, values: Numbers, memory: Numbers) -> Numbers:
+        """Return s of this step."""
+        m, own = len(self.keep), sum(self.back.shape)
+        before, action = memory[:, :m], memory[:, m:own]
+        return before @ self.keep.T + values @ self.enter.T + action @ self.back.T
+
+
+@dataclass(frozen=True, eq=False)
+class SettlingObserver(Observer):
+    """An observer with other weights at first: in step t [keep enter back] + fade^t early.
+
+    A Kalman filter's gain so settles from what an episode's start needs to the stationary one.
+    """
+
+    # early, fade: (m, m + n + k) and (1,).
+    early: Single
+    fade: Single
+    fixed: ClassVar[tuple[str, ...]] = ("fade",)
+
+    @property
+    def remembers(self) -> int:
+        return super().remembers + 1
+
+    def outputs(self, inputs: int) -> int:
+        made, (m, k) = super().outputs(inputs), self.back.shape
+        self.require(early=(m, m + inputs + k), fade=(1,))
+        return made
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        action, after = super().forward(xp, values, memory)
+        passed = 1.0 - self.fade * (1.0 - memory[:, -1:])  # 1 - fade^t, which is 0 at first
+        return action, xp.concatenate([after, passed], 1)
+
+    def state(self, xp: ModuleType, values: Numbers, memory: Numbers) -> Numbers:
+        m, own = len(self.keep), sum(self.back.shape)
+        known = xp.concatenate([memory[:, :m], values, memory[:, m:own]], 1)
+        early = (1.0 - memory[:, -1:]) * (known @ self.early.T)
+        return super().state(xp, values, memory) + early
 
 
 @dataclass(frozen=True, eq=False)

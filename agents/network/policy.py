@@ -24,6 +24,7 @@ from agents.network.layers import (
     LinearMemory,
     Observer,
     Residual,
+    SettlingObserver,
     Skip,
     every,
     outputs_of,
@@ -246,7 +247,8 @@ def network(
     low, high
         (k,) bounds of the action [-].
     optional
-        `keep` and `enter` of a `LinearMemory`, or with `back` of an `Observer` around all; then
+        `keep` and `enter` of a `LinearMemory`, or with `back` of an `Observer` around all, which
+        with `early` and `fade` is a `SettlingObserver`; then
         `pairs` and `units` of a `Correlation`, then
         `cell`, the three arrays of an `LSTM`; `direct` of a `Skip`; `squashed`, whether a tanh
         follows; `base` and `authority` of a `Residual`. Empty arrays stand for none.
@@ -271,8 +273,10 @@ def network(
     layers += [Activation("tanh")] if given.get("squashed") else []
     layers.append(Clip(_single(low), _single(high)))
     if "back" in given:
-        of = (_single(given[name]) for name in ("keep", "enter", "back"))
-        layers = [Observer(tuple(layers), *of)]
+        kind, names = Observer, ["keep", "enter", "back"]
+        if "early" in given:
+            kind, names = SettlingObserver, [*names, "early", "fade"]
+        layers = [kind(tuple(layers), *(_single(given[name]) for name in names))]
     observed = _observed(layers)
     if "base" in given:
         base = _single(given["base"])
@@ -292,6 +296,7 @@ def _observed(layers: Sequence[Layer]) -> int:
     of = {
         LinearMemory: "enter",
         Observer: "enter",
+        SettlingObserver: "enter",
         Correlation: "pairs",
         LSTM: "enter",
         Dense: "weight",

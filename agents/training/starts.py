@@ -68,6 +68,11 @@ which the memory does not know."""
 FINELY = 10.0 ** np.array([-0.75, -0.5, -0.25, 0.25, 0.5, 0.75])
 """Factors of the best of these, that are tried then."""
 
+SETTLED = 0.05, 0.25
+"""Parts of an episode in which a filter's early gains fade to 1/e, that are tried."""
+
+WEIGHTS_OF_MEMORY = "keep", "enter", "back"
+
 MOST_STATES = 64
 """Of the memory of an LQG: each late frame adds some."""
 
@@ -109,8 +114,12 @@ class Start:
     keep, enter, back
         (m, m), (m, n), and (m, k) or (m, 0): the linear memory, which is not searched; where it
         knows the action, that of `agents.network.layers.Observer`.
+    early, fade
+        (m, m + n + k) and (1,), or empty: those of `agents.network.layers.SettlingObserver`.
     law
         The name of what it is.
+    design
+        Of an LQG, what it was designed with: the factor of the force's weight, and `unmodelled`.
     """
 
     pairs: Array
@@ -120,7 +129,10 @@ class Start:
     keep: Array = field(default_factory=lambda: np.empty((0, 0)))
     enter: Array = field(default_factory=lambda: np.empty((0, 0)))
     back: Array = field(default_factory=lambda: np.empty((0, 0)))
+    early: Array = field(default_factory=lambda: np.empty((0, 0)))
+    fade: Array = field(default_factory=lambda: np.empty(0))
     law: LawName = "none"
+    design: tuple[float, float] | None = None
 
     def remembering(self, keep: Array, enter: Array, back: Array | None = None) -> Start:
         """Return it with a linear memory that has no part in the action."""
@@ -170,6 +182,8 @@ class Start:
             keep=self.keep,
             enter=self.enter,
             back=self.back if self.back.size else (),
+            early=self.early,
+            fade=self.fade,
             pairs=self.pairs,
             units=self.units,
         )
@@ -467,7 +481,33 @@ def _lqg(scene: Scene, shown: Shown) -> Start:
 
     caution, unmodelled = try_all(itertools.product(CAUTION, UNMODELLED))
     best = try_all((caution * factor, unmodelled) for factor in FINELY)
-    return found[best][1]
+    return replace(found[best][1], design=best)
+
+
+def settling(scene: Scene, start: Start) -> Start:
+    """Return the start with a filter that settles, where it is an LQG and costs less so.
+
+    The stationary gain of a quick filter is that of an episode's start, and that of a slow one
+    follows. Where little disturbs a motion, it takes longer than many an episode until the slow one
+    alone has forgotten that it did not know the state.
+    """
+    if start.design is None:
+        return start
+    shown, (caution, stationary) = Shown(scene, filtered=True), start.design
+    held, found = _held(scene, shown), {_cost(scene, start): start}
+    designs: dict[float, Start] = {}
+    for unmodelled in {*UNMODELLED, stationary}:
+        with suppress(DesignError):
+            designs[unmodelled] = _one_lqg(scene, shown, caution, unmodelled, held)
+    for (quick, first), (slow, last) in itertools.product(designs.items(), repeat=2):
+        if not slow < quick or not slow <= stationary <= quick:
+            continue
+        for part in SETTLED:
+            early = np.hstack([getattr(first, w) - getattr(last, w) for w in WEIGHTS_OF_MEMORY])
+            fade = np.array([np.exp(-1.0 / (part * scene.control.steps))])
+            one = replace(last, early=early, fade=fade, law=start.law, design=start.design)
+            found.setdefault(_cost(scene, one), one)
+    return found[min(found)]
 
 
 def _held(scene: Scene, shown: Shown) -> Start:

@@ -131,6 +131,7 @@ SCENES = {
         | {"objective.sphere_acceleration_weight": 0.5, "objective.coupling_force_weight": 0.2},
     ),
     "a memory of the action": ("Hybrid", {}),
+    "a memory of the action that settles": ("Hybrid", {}),
     "an own cost": ("CarriageForceDuffing", {}),
     "an own cost over a state of the interface": ("CarriageForce", HYSTERESIS),
 }
@@ -195,7 +196,7 @@ class Replayed:
         return next(self.left, observation), *rest
 
 
-def policy_for(scene, seed=1, *, knows_action=False):
+def policy_for(scene, seed=1, *, knows_action=False, settles=False):
     """Return a policy with memory and units of random weights, which asks for less than it may."""
     generator = np.random.default_rng(seed)
     settings = GradientSettings(law="none", extra=2)
@@ -204,6 +205,10 @@ def policy_for(scene, seed=1, *, knows_action=False):
     if knows_action:
         back = 0.1 * generator.standard_normal((len(start.keep), len(start.direct)))
         start = replace(start, back=back)
+    if settles:
+        weights = np.hstack([start.keep, start.enter, start.back])
+        early = 0.1 * generator.standard_normal(weights.shape)
+        start = replace(start, early=early, fade=np.array([0.8]))
     evolved = Evolved(start, 5, odd=False)
     policy = evolved.policy(evolved.first(generator))
     parameters = parameters_of(policy)
@@ -223,7 +228,8 @@ class TestGradients:
             scene = rewarded(scene, OwnReward(own_cost))
         own = Episodes(scene, LANES, most=1e30)
         own.env = Exact(own) if feedback else Replayed(Exact(own))
-        policy = policy_for(scene, knows_action="memory of the action" in kind)
+        settles = kind.endswith("settles")
+        policy = policy_for(scene, knows_action="memory of the action" in kind, settles=settles)
         net = Network(policy, STEPS, LANES)
         cost, draw = own.run(net, range(LANES)), np.random.default_rng(2)
         assert net.free.all()
@@ -239,9 +245,10 @@ class TestGradients:
             found = np.sum(net.gradient[name] * way)
             assert found == pytest.approx(slope, rel=1e-6, abs=1e-9 * cost)
 
-    def test_cost_is_that_of_an_evaluation(self):
+    @pytest.mark.parametrize("settles", [False, True])
+    def test_cost_is_that_of_an_evaluation(self, settles):
         scene = load_scene("mm_gym/Hybrid-v0")
-        policy = policy_for(scene)
+        policy = policy_for(scene, knows_action=settles, settles=settles)
         found = Episodes(scene, 5).run(Network(policy, scene.control.steps, 5), range(7, 12))
         want = evaluate(scene, Learned(policy), seed=7, episodes=5).cost
         assert np.sqrt(found) == pytest.approx(want, rel=1e-5)  # actions in single precision
@@ -253,12 +260,14 @@ class TestGradients:
         net.parameters["last"][:] = 3.0
         own.run(net, range(LANES))
         assert (own.actions == 1.0).all()
-        for inwards in (False, True):
+        for inwards in (0.0, 1.0, 0.5):
             own.back(net, 1.0, inwards=inwards)
             slopes.append(float(net.gradient["last"][0]))
         # No cost depends on a clipped action. Its effort alone makes less of it better.
         assert slopes[0] == 0.0
         assert slopes[1] > 0.0
+        # But for what earlier actions change by way of later ones.
+        assert slopes[2] == pytest.approx(0.5 * slopes[1], rel=0.05)
 
     def test_steep_lanes_are_bounded_and_others_left_alone(self):
         factors = episodes._bounded(np.array([1.0, 2.0, 1e30, 0.0, 2.0]), 10.0)
