@@ -77,7 +77,7 @@ def test_what_has_no_training_here_stays_published(folder):
 
 
 def test_page_names_what_is_not_published():
-    one, *_, other = RECORDED.rows
+    one, *_, other = (row for row in RECORDED.rows if row.task not in robust_ids())
     assert one.task != other.task
     assert one.algorithm != other.algorithm
     found = page(RECORDED.model_copy(update={"rows": [one, other]}))
