@@ -49,7 +49,7 @@ class ClosedLoop:
         actions = np.zeros((len(lanes.plant.actuators), lanes.count), np.float32)
         self._rewards = lanes.rewards = np.zeros(lanes.count)
         step, known = lanes.step_with(actions.reshape(-1))
-        given = (known[2][: len(lanes.observed)], actions, *arguments)
+        given = (known[3][: len(lanes.observed)], actions, *arguments)
         _check(law, given)
         reward, read = lanes.reward_with()
         constants = (

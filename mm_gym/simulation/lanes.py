@@ -110,7 +110,7 @@ class Lanes:
         )
         self._bind_steps()
         self._bind_episodes()
-        expect(self._advance, episodes.start, plant.entries.show_first)
+        expect(self._advance, episodes.start, plant.entries.shared.show_first)
         if plant.support.sampled:
             expect(begin_excitation)
 
@@ -136,9 +136,13 @@ class Lanes:
         bind, advance = self._threads.bind, self._advance
         rows = (self._values, self._frames, self._ends)
         self._constants = np.concatenate([self.plant.task, self.plant.model])
+        cross = 0
+        if advance is not self.plant.entries.advance_simply:
+            entries, excited = self.plant.entries, self._is_excited
+            cross = entries.crossing(self.plant.model, self._values, excited=excited)
         held = np.array([self.applied_rows.start, self.applied_rows.step])  # threads take arrays
         outputs = (*rows, held)
-        self._step_arguments = (self._constants, *rows, self.streams)
+        self._step_arguments = (self._constants, cross, *rows, self.streams)
         self._advance_all = bind(advance, *self._step_arguments)
         self._copy_outputs = bind(copy_outputs, *outputs)
         self._copy_observed = bind(copy_observed, self._frames)
@@ -151,7 +155,9 @@ class Lanes:
         start = self.plant.template, self.plant.draws, self._constants
         self._start = bind(episodes.start, *start, values, streams)
         self._begin_excitation = bind(begin_excitation, model, values, streams)
-        self._show = bind(self.plant.entries.show_first, model, task, values, self._frames, streams)
+        self._show = bind(
+            self.plant.entries.shared.show_first, model, task, values, self._frames, streams
+        )
         self.rest = bind(episodes.rest, values)
         ends = self._ends
         self._listing = ends, ends.view(np.uint64), np.zeros(ends.shape[1], np.int64)

@@ -130,9 +130,11 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
     The recording is written from the sample interval `first` on.
     """
     plant, last = lanes.plant, first + len(commands) * lanes.plant.support.intervals_per_step
-    status = plant.entries.run_of(excited=plant.support.sampled)(
+    excited = plant.support.sampled
+    status = plant.entries.run_of(excited=excited)(
         plant.model,
         plant.task,
+        plant.entries.crossing(plant.model, lanes.values, excited=excited),
         lanes.values,
         lanes.streams,
         commands,

@@ -26,7 +26,7 @@ def run(law, law_arguments, step, step_arguments, rewarding, its_arguments, foun
         (lanes,) each, written: sum of the rewards, least reward, number of control steps, and
         whether the episode was terminated.
     """
-    _, lanes, _, ends, _, _, rewards, _, count = step_arguments
+    _, _, lanes, _, ends, _, _, rewards, _, count = step_arguments
     returns, least, lengths, terminated = found
     for i in span(0, count):
         returns[i], least[i], lengths[i], terminated[i] = 0.0, 0.0, 0, False

@@ -1,11 +1,17 @@
-"""The entries that Python calls, built for one method's ``propagate``."""
+"""The entries that Python calls.
+
+They call a method's kernel by address: so all methods share them, and a second one that is used is
+compiled alone.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 from mm_gym.arrays import Array, Single
+from mm_gym.compiler.addresses import address_of, call
 from mm_gym.compiler.jit import borrowing_kernel, plain
 from mm_gym.excitation.harmonics import rotate
 from mm_gym.excitation.impulses import apply_first_impulses
@@ -28,22 +34,28 @@ from mm_gym.step.task import (
 )
 
 
-class Entries(NamedTuple):
-    """Compiled entries of one method.
+class Shared(NamedTuple):
+    """Compiled entries that all methods share; `cross` is the address of one's kernel.
 
     Most scenes have no excitation but harmonics, so there are entries without the kernels of the
-    others: they would take as long to compile as all the rest. And a method may have an entry for
-    its simplest scenes.
+    others: they would take as long to compile as all the rest.
     """
 
     advance: Callable[..., int]
     run: Callable[..., int]
     advance_unexcited: Callable[..., int]
     run_unexcited: Callable[..., int]
-    propagate: Callable[..., int]
     show_first: Callable[..., int]
     derive: Callable[..., None]
+
+
+class Entries(NamedTuple):
+    """Compiled entries of one method, which may have one for its simplest scenes."""
+
+    shared: Shared
+    propagate: Callable[..., int]
     cross: Callable[..., int]
+    cross_unexcited: Callable[..., int]
     stops_at_corners: bool
     is_simple: Callable[..., bool] | None
     advance_simply: Callable[..., int] | None
@@ -54,11 +66,16 @@ class Entries(NamedTuple):
         """Return the kernel of a control step for a scene with or without sampled excitation."""
         if self.is_simple and self.advance_simply and plain(self.is_simple)(task, model, frames):
             return self.advance_simply
-        return self.advance if excited else self.advance_unexcited
+        return self.shared.advance if excited else self.shared.advance_unexcited
 
     def run_of(self, *, excited: bool) -> Callable[..., int]:
         """Return the kernel of a simulation for such scenes."""
-        return self.run if excited else self.run_unexcited
+        return self.shared.run if excited else self.shared.run_unexcited
+
+    def crossing(self, model: Array, lanes: Array, *, excited: bool) -> int:
+        """Return the address of the method's kernel that these call, for such arrays."""
+        cross = self.cross if excited else self.cross_unexcited
+        return address_of(cross, model, lanes, 0, 0, 1)
 
 
 def build(
@@ -81,7 +98,7 @@ def build(
         The kernel.
     simplest
         A kernel ``(task, model, frames)`` that tells the method's simplest scenes, and the kernel
-        that takes for them the place of what `in_turn` returns.
+        that takes for them the place of `_step_with`'s.
     whole
         Another kernel for scenes without sampled excitation, whose sample intervals are all whole.
     respond
@@ -100,16 +117,24 @@ def build(
         cross = by_superposition(propagate, respond)
     else:
         cross = by_pieces(propagate, has_corners if stops_at_corners else at_none, shorten)
-    derive = derive_with(link_of(interface))
     return Entries(
-        *_entries(cross, excite, excite_and_apply, derive),
-        *_entries(unexcited(whole or propagate), leave, leave, derive),
+        _shared(interface),
         propagate,
-        show_first_with(derive),
-        derive,
         cross,
+        unexcited(whole or propagate),
         stops_at_corners,
         *((is_simple, _advance(at_once)) if at_once else (None, None)),
+    )
+
+
+@cache
+def _shared(interface: Interface) -> Shared:
+    derive = derive_with(link_of(interface))
+    return Shared(
+        *_entries(excite, excite_and_apply, derive),
+        *_entries(leave, leave, derive),
+        show_first_with(derive),
+        derive,
     )
 
 
@@ -145,38 +170,38 @@ def unexcited(propagate: Callable[..., object]) -> Callable[..., object]:
 
 
 def _advance(step: Callable[..., int]) -> Callable[..., int]:
-    """Return the entry that makes a control step by a kernel such as `in_turn` returns."""
+    """Return the entry that makes a control step by a kernel such as `_step_with` returns."""
 
     @borrowing_kernel
-    def advance(constants, lanes, frames, ends, streams, actions, rewards, first, last):
+    def advance(constants, cross, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step, without resets; none moves if one action is not finite."""
         task, model = task_and_model(constants)
         if not finite(actions):
             return layout.NOT_FINITE
-        return step(task, model, lanes, frames, ends, streams, actions, rewards, first, last)
+        return step(task, model, cross, lanes, frames, ends, streams, actions, rewards, first, last)
 
     return advance
 
 
 def _entries(
-    cross: Callable[..., int],
     disturb: Callable[..., None],
     disturb_and_apply: Callable[..., None],
     derive: Callable[..., None],
 ) -> tuple[Callable[..., int], Callable[..., int]]:
     """Return kernels that make a control step and run a simulation.
 
-    `disturb` writes the excitation of a sample interval, and `cross` takes lanes through it;
-    `disturb_and_apply` also applies the impulses at the interval's start; `derive` as
-    `outputs.derive_with` returns it.
+    `disturb` writes the excitation of a sample interval; `disturb_and_apply` also applies the
+    impulses at the interval's start; `derive` as `outputs.derive_with` returns it.
     """
 
     @borrowing_kernel
-    def run(model, task, lanes, streams, commands, starts, states, applied, jets):
+    def run(model, task, cross, lanes, streams, commands, starts, states, applied, jets):
         """Simulate lane 0 and record every sample interval.
 
         Parameters
         ----------
+        cross
+            Address of the kernel that takes lanes through a sample interval.
         commands
             (steps, 2) read: force [N] and stretch [-] asked for in each control step; (steps, 3)
             with the damping [N s/m] behind them if it is actuated.
@@ -201,7 +226,7 @@ def _entries(
                 for row in range(2 * terms):
                     jets[k, row] = lanes[first + row, 0]
                 record_state(model, lanes, starts, k)
-                status = cross(model, lanes, interval, 0, 1)
+                status = call(cross, (model, lanes, interval, 0, 1))
                 if status > layout.ENDED:
                     return status
                 rotate(model, lanes, interval, 0, 1)
@@ -210,37 +235,35 @@ def _entries(
             pass_frame(task, streams, 0, 1)
         return layout.OK
 
-    return _advance(in_turn(cross, disturb, derive)), run
+    return _advance(_step_with(disturb, derive)), run
 
 
-def in_turn(
-    cross: Callable[..., int], disturb: Callable[..., None], derive: Callable[..., None]
-) -> Callable[..., int]:
+def _step_with(disturb: Callable[..., None], derive: Callable[..., None]) -> Callable[..., int]:
     """Return a kernel that steps lanes block by block, one pass after the other.
 
-    `disturb`, `cross` and `derive` as for `_entries`.
+    `disturb` and `derive` as for `_entries`.
     """
 
     @borrowing_kernel
-    def move(task, model, lanes, streams, actions, rewards, first, last):
+    def move(task, model, cross, lanes, streams, actions, rewards, first, last):
         """Command, excite, propagate and score the lanes of a block."""
         command(task, lanes, actions, rewards, first, last)
         hold(model, lanes, first, last)
         status = layout.OK
         for interval in range(int(model[layout.INTERVALS])):
             disturb(model, lanes, streams, interval, first, last)
-            status = max(status, cross(model, lanes, interval, first, last))
+            status = max(status, call(cross, (model, lanes, interval, first, last)))
             if model[layout.HARMONIC_COUNT] > 0.0:
                 rotate(model, lanes, interval, first, last)
         return max(status, score(task, lanes, rewards, first, last))
 
     @borrowing_kernel
-    def step(task, model, lanes, frames, ends, streams, actions, rewards, first, last):
+    def step(task, model, cross, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step."""
         status = layout.OK
         for start in range(first, last, layout.BLOCK):
             stop = min(start + layout.BLOCK, last)
-            outcome = move(task, model, lanes, streams, actions, rewards, start, stop)
+            outcome = move(task, model, cross, lanes, streams, actions, rewards, start, stop)
             ended = check_termination(task, lanes, ends, start, stop)
             if outcome == layout.ESCAPED and are_terminated(
                 lanes, ends, model[layout.SAMPLE_INTERVAL], start, stop

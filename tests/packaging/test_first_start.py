@@ -152,8 +152,8 @@ def test_ten_workers_that_start_at_once_compile_what_one_would(tmp_path):
 )
 def test_the_simplest_scenes_do_without_the_kernels_of_the_others(changes, is_simple):
     plant = compile_scene(load_scene(TASK).replace(**changes))
-    entries = plant.entries
-    other = entries.advance if plant.support.sampled else entries.advance_unexcited
+    entries, shared = plant.entries, plant.entries.shared
+    other = shared.advance if plant.support.sampled else shared.advance_unexcited
     assert Lanes(plant, 1)._advance is (entries.advance_simply if is_simple else other)
 
 

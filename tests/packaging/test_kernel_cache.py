@@ -109,10 +109,10 @@ def test_kernels_of_one_key_in_the_cache_have_the_same_code():
     for facts in itertools.product((False, True), repeat=3):
         names = ("has_friction", "is_finite", "is_excited")
         every.append(entries_with(law_of(LINE, **dict(zip(names, facts, strict=True))), LINE))
-    entries = {entry for one in every for entry in one if callable(entry)}
+    entries = {entry for one in every for entry in (*one, *one.shared) if callable(entry)}
     kernels = set().union(*(closures_of(entry) for entry in entries))
     keys = {key_of(kernel) for kernel in kernels}
-    # in_turn's two and the three entries of each propagation; two methods have one in common
+    # One of each method and law for each of the two kinds of excitation, and what crosses impulses.
     assert len({(key_of(kernel), kernel.__code__) for kernel in kernels}) == len(keys)
     assert len(keys) > 4 * len(METHODS)
 

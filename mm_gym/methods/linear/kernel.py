@@ -99,8 +99,8 @@ def _product(m, k, z):
 
 
 @borrowing_kernel
-def at_once(task, model, lanes, frames, ends, streams, actions, rewards, first, last):  # noqa: ARG001 - `in_turn` needs the streams
-    """Step the simplest scenes in one pass over all lanes; arguments as of `in_turn`'s step.
+def at_once(task, model, cross, lanes, frames, ends, streams, actions, rewards, first, last):  # noqa: ARG001 - other scenes need `cross` and the streams
+    """Step the simplest scenes in one pass over all lanes; arguments as of other scenes' step.
 
     What it saves is not arithmetic but memory: each row is read and written once.
     """
