@@ -175,10 +175,9 @@ def _advance(step: Callable[..., int]) -> Callable[..., int]:
     @borrowing_kernel
     def advance(constants, cross, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step, without resets; none moves if one action is not finite."""
-        task, model = task_and_model(constants)
         if not finite(actions):
             return layout.NOT_FINITE
-        return step(task, model, cross, lanes, frames, ends, streams, actions, rewards, first, last)
+        return step(constants, cross, lanes, frames, ends, streams, actions, rewards, first, last)
 
     return advance
 
@@ -258,9 +257,9 @@ def _step_with(disturb: Callable[..., None], derive: Callable[..., None]) -> Cal
         return max(status, score(task, lanes, rewards, first, last))
 
     @borrowing_kernel
-    def step(task, model, cross, lanes, frames, ends, streams, actions, rewards, first, last):
+    def step(constants, cross, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step."""
-        status = layout.OK
+        (task, model), status = task_and_model(constants), layout.OK
         for start in range(first, last, layout.BLOCK):
             stop = min(start + layout.BLOCK, last)
             outcome = move(task, model, cross, lanes, streams, actions, rewards, start, stop)

@@ -7,7 +7,14 @@ from mm_gym.excitation.kinds import excited
 from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.step.outputs import scaling, shown, shows_state
-from mm_gym.step.task import check_termination, is_at_once, is_lost, state_cost, state_weights
+from mm_gym.step.task import (
+    check_termination,
+    is_at_once,
+    is_lost,
+    state_cost,
+    state_weights,
+    task_and_model,
+)
 
 # Slots of the model: 4 rows of the transition matrix, then per harmonic 4 responses to its cosine
 # and 4 to its sine, then 4 to each term of both jets; then, with impulses, exp(A dt / 2**k) of each
@@ -99,11 +106,12 @@ def _product(m, k, z):
 
 
 @borrowing_kernel
-def at_once(task, model, cross, lanes, frames, ends, streams, actions, rewards, first, last):  # noqa: ARG001 - other scenes need `cross` and the streams
+def at_once(constants, cross, lanes, frames, ends, streams, actions, rewards, first, last):  # noqa: ARG001 - other scenes need `cross` and the streams
     """Step the simplest scenes in one pass over all lanes; arguments as of other scenes' step.
 
     What it saves is not arithmetic but memory: each row is read and written once.
     """
+    task, model = task_and_model(constants)
     status = _push_score_and_show(task, model, lanes, frames, actions, rewards, first, last)
     for start in range(first, last, layout.BLOCK):
         status = max(
