@@ -259,7 +259,7 @@ class Evolution(Search):
             CMA_stds=self.network.spreads()[self.free],
             CMA_diagonal=settings.separable,
         )
-        self.costs: Array = np.empty((self.total, settings.candidates))
+        self.costs: Array = np.empty((0, settings.candidates))
 
     def _restore(self, arrays: Arrays) -> None:
         """Repeat the search, with the costs of the checkpoint."""
@@ -272,7 +272,7 @@ class Evolution(Search):
             self.rounds += 1
 
     def _state(self) -> Arrays:
-        return {"evolution/costs": self.costs[: self.rounds]}
+        return {"evolution/costs": self.costs}
 
     def _asked(self) -> Array:
         return np.array(self.strategy.ask())
@@ -285,7 +285,7 @@ class Evolution(Search):
 
     def _tell(self, vectors: Array, costs: Array) -> None:
         self.strategy.tell(list(vectors), costs.tolist())
-        self.costs[self.rounds] = costs
+        self.costs = np.vstack([self.costs, costs])
 
     def _advance(self) -> None:
         settings, vectors = self.settings, self._asked()
@@ -295,9 +295,7 @@ class Evolution(Search):
 
     def _told(self) -> dict[str, float]:
         """Return the least and the median cost of the candidates on their training episodes."""
-        costs = np.sqrt(
-            np.maximum(self.costs[self.rounds - 1], 0.0)
-        )  # an own reward's sign is free
+        costs = np.sqrt(np.maximum(self.costs[-1], 0.0))  # an own reward's sign is free
         return {"search/least": float(costs.min()), "search/median": float(np.median(costs))}
 
     def _present(self) -> Arrays:

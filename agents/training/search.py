@@ -30,9 +30,6 @@ from mm_gym import ActionError, Scene
 BETWEEN_SAVES = 5.0
 """Time between checkpoints [s]."""
 
-UNCOUNTED = 1_000_000
-"""Rounds that a time budget of hours does not reach, at forty a second."""
-
 
 class Search(ABC):
     """A search that validates the policy it has come to, and keeps the best.
@@ -52,8 +49,8 @@ class Search(ABC):
     worst
         Share of the validation episodes, those that cost most, whose mean is the cost.
     total
-        Number of rounds of the whole search. On your own scene a time budget alone ends it, unless
-        a number is asked for.
+        Number of rounds of the whole search, or infinity: on your own scene a time budget alone
+        ends it, unless a number is asked for.
     """
 
     unit: ClassVar[str]
@@ -65,10 +62,10 @@ class Search(ABC):
         self.settings, self.scene = settings, scene
         self.rounds, self.progress = 0, Progress()
         size = settings.growing[0]
-        self.total: int = getattr(settings, size)
+        self.total: float = getattr(settings, size)
         is_own = settings.scene is not None and settings.time_budget is not None
         if is_own and self.total == type(settings).model_fields[size].default:
-            self.total = UNCOUNTED
+            self.total = math.inf
 
     @abstractmethod
     def _advance(self) -> None:
@@ -137,11 +134,10 @@ class Search(ABC):
     def _to_the_end(self, run: Run, *, bar: bool) -> None:
         """Search on, validate, and write the best policy; draw a progress bar if asked to."""
         progress, total = self.progress, self.total
-        every = -(-total // self.settings.evaluations)
+        counted = None if math.isinf(total) else int(total)
         began = time.perf_counter() - progress.seconds
         saved, done = progress.seconds, self.rounds >= total
         budget = math.inf if self.settings.time_budget is None else self.settings.time_budget
-        counted = None if total == UNCOUNTED else total
         shown = tqdm(total=counted, initial=self.rounds, unit=self.unit, disable=not bar)
         with shown, Log(run.folder) as log:
             if not len(progress.rows):
@@ -155,7 +151,7 @@ class Search(ABC):
                     progress.seconds = time.perf_counter() - began
                     done = progress.seconds >= budget or self.rounds == total
                     log.add(self.rounds * self.frames, self._told())
-                    if done or self._is_due(every):
+                    if done or self._is_due():
                         self._validate(log)
                         shown.set_postfix(cost=f"{progress.least_cost:.4f}")
                     self._note()
@@ -189,10 +185,10 @@ class Search(ABC):
         ending.write(run)
         policy.save(run.policy)
 
-    def _is_due(self, every: int) -> bool:
+    def _is_due(self) -> bool:
         """Tell whether a validation is due: each so many rounds, or each part of the time."""
         if self.settings.time_budget is None:
-            return self.rounds % every == 0
+            return self.rounds % -(-self.total // self.settings.evaluations) == 0
         return self.done * self.settings.evaluations >= len(self.progress.rows)
 
     def _validate(self, log: Log) -> None:
