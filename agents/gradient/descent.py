@@ -11,6 +11,7 @@ from contextlib import suppress
 import numpy as np
 
 from agents.gradient.episodes import MOST, Episodes
+from agents.gradient.following import Following
 from agents.gradient.network import (
     Network,
     hold_stable,
@@ -28,19 +29,16 @@ from agents.gradient.settings import (
     GradientSettings,
     fitted,
     schedule,
-    trusted,
 )
 from agents.network.layers import UNIT
 from agents.policies import Policy
-from agents.training.arrays import Arrays, part_of
+from agents.training.arrays import Arrays
 from agents.training.config import training_seeds
 from agents.training.network import Network as Evolved
 from agents.training.runs import Run
 from agents.training.scales import Scales
-from agents.training.search import Search
 from agents.training.starts import IN_WORDS, WEIGHTS_OF_MEMORY, Start, settling, start_of
 from mm_gym import ActionError, Scene
-from mm_gym.arrays import Single
 
 BIASES = ("bias", "last")
 
@@ -63,7 +61,7 @@ def descend(settings: GradientSettings, run: Run, *, bar: bool = True) -> None:
     search(settings, settings.rewarded_scene()).finish(run, bar=bar)
 
 
-class Descent(Search):
+class Descent(Following):
     """A descent from a law along the gradient.
 
     Attributes
@@ -74,12 +72,7 @@ class Descent(Search):
         Of the steps of each parameter, over the rate.
     size
         Length of the last gradient.
-    trust
-        Part of the rate and the horizon that is used: a half after each gradient that is not
-        finite, and again more with each that is.
     """
-
-    unit = "iteration"
 
     def __init__(self, settings: GradientSettings, scene: Scene) -> None:
         super().__init__(settings, scene)
@@ -106,7 +99,7 @@ class Descent(Search):
         zeros = {name: np.zeros_like(array) for name, array in self.mean.items()}
         self.slopes, self.squares = zeros, {name: array.copy() for name, array in zeros.items()}
         self.frames = count * scene.control.steps
-        self.size, self.trust = 0.0, 1.0
+        self.size = 0.0
 
     def _advance(self) -> None:
         settings, count, size = self.fitted, self.fitted.episodes, np.inf
@@ -123,10 +116,8 @@ class Descent(Search):
                 inwards=0.0 if settings.scene is None else 1.0 - self.done,
             )
             size = self._follow(rate * self.trust)
-        self.size, self.trust = size, trusted(self.trust, size)
-        if not np.isfinite(size):
-            for name, value in self.mean.items():
-                self.network.parameters[name][:] = value
+        self.size = size
+        self._judge(size)
 
     def _follow(self, rate: float) -> float:
         """Make a step of Adam along the gradient, of which only the direction counts.
@@ -158,33 +149,17 @@ class Descent(Search):
         """Return the length of the gradient."""
         return {"search/gradient": self.size}
 
-    def _present(self) -> Arrays:
-        return {name: array.copy() for name, array in self.mean.items()}
-
     def _policy(self, parameters: Arrays) -> Policy:
         return policy_of(parameters, self.start)
 
     @property
-    def _parts(self) -> dict[str, dict[str, Single]]:
+    def _parts(self) -> dict[str, Arrays]:
         return {
             "parameters": self.network.parameters,
             "mean": self.mean,
             "slopes": self.slopes,
             "squares": self.squares,
         }
-
-    def _state(self) -> Arrays:
-        rounds: Arrays = {"gradient/rounds": np.asarray(self.rounds)}
-        rounds["gradient/trust"] = np.asarray(self.trust)
-        for part, own in self._parts.items():
-            rounds |= {f"{part}/{name}": array.copy() for name, array in own.items()}
-        return rounds
-
-    def _restore(self, arrays: Arrays) -> None:
-        self.rounds, self.trust = int(arrays["gradient/rounds"]), float(arrays["gradient/trust"])
-        for part, own in self._parts.items():
-            for name, array in part_of(arrays, part).items():
-                own[name][:] = array
 
 
 def _sizes(scales: Scales, start: Start) -> Arrays:

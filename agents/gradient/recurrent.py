@@ -5,15 +5,15 @@ Any network of `agents.network` could be trained so. The small network has a way
 """
 
 from contextlib import suppress
-from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from agents.gradient.episodes import MOST
+from agents.gradient.following import Following
 from agents.gradient.network import with_oscillators
-from agents.gradient.settings import AVERAGED, FIRST, SECOND, GradientSettings, schedule, trusted
+from agents.gradient.settings import AVERAGED, FIRST, SECOND, GradientSettings, schedule
 from agents.network.layers import (
     GRU,
     UNIT,
@@ -28,9 +28,8 @@ from agents.network.layers import (
 )
 from agents.network.module import Module
 from agents.network.policy import Policy
-from agents.training.arrays import Arrays, part_of
+from agents.training.arrays import Arrays
 from agents.training.config import training_seeds
-from agents.training.search import Search
 from agents.training.starts import IN_WORDS, Start, start_of
 from mm_gym import ActionError, Scene
 from mm_gym.arrays import Array, Single
@@ -103,7 +102,7 @@ def _single(array: Array) -> Single:
     return array.astype(np.float32)
 
 
-class RecurrentDescent(Search):
+class RecurrentDescent(Following):
     """A descent from a controller along the gradient, with torch's Adam.
 
     Attributes
@@ -112,11 +111,7 @@ class RecurrentDescent(Search):
         With the parameters as they are.
     mean
         Of the parameters over the last iterations: what is validated.
-    trust
-        Part of the rate and the horizon that is used, as of `Descent`.
     """
-
-    unit: ClassVar[str] = "iteration"
 
     def __init__(self, settings: GradientSettings, scene: Scene) -> None:
         super().__init__(settings, scene)
@@ -133,7 +128,7 @@ class RecurrentDescent(Search):
         for one in self.module.trained.values():
             zeros = {name: torch.zeros_like(one) for name in MOMENTS}
             self.optimiser.state[one] = {"step": torch.tensor(0.0), **zeros}
-        self.frames, self.trust = settings.episodes * scene.control.steps, 1.0
+        self.frames = settings.episodes * scene.control.steps
 
     def _advance(self) -> None:
         settings, count, trained = self.settings, self.settings.episodes, self.module.trained
@@ -146,11 +141,7 @@ class RecurrentDescent(Search):
             seeds = training_seeds(settings.seed, count, self.rounds * count)
             self._cost_of(seeds, fade).backward()
             size = float(torch.sqrt(sum((one.grad**2).sum() for one in trained.values())))  # pyright: ignore[reportArgumentType, reportOptionalOperand] - as `backward` leaves them
-        self.trust = trusted(self.trust, size)
-        if not np.isfinite(size):
-            with torch.no_grad():
-                for name, one in trained.items():
-                    one.copy_(self.mean[name])
+        self._judge(size)
         if not 0.0 < size < np.inf:
             return
         for one in trained.values():
@@ -178,29 +169,16 @@ class RecurrentDescent(Search):
             total = total + costs.mean()
         return total / self.episodes.steps
 
-    def _present(self) -> Arrays:
-        return {name: one.numpy().copy() for name, one in self.mean.items()}
-
     def _policy(self, parameters: Arrays) -> Policy:
         return self.module.start.with_arrays(parameters)
 
     @property
-    def _parts(self) -> dict[str, dict[str, Tensor]]:
+    def _parts(self) -> dict[str, Arrays]:
         trained, of = self.module.trained, self.optimiser.state
-        moments = {part: {name: of[one][part] for name, one in trained.items()} for part in MOMENTS}
-        steps = {name: of[one]["step"] for name, one in trained.items()}
-        return {"parameters": trained, "mean": self.mean, **moments, "step": steps}
-
-    def _state(self) -> Arrays:
-        rounds: Arrays = {"gradient/rounds": np.asarray(self.rounds)}
-        rounds["gradient/trust"] = np.asarray(self.trust)
-        for part, own in self._parts.items():
-            rounds |= {f"{part}/{name}": one.detach().numpy().copy() for name, one in own.items()}
-        return rounds
-
-    def _restore(self, arrays: Arrays) -> None:
-        self.rounds, self.trust = int(arrays["gradient/rounds"]), float(arrays["gradient/trust"])
-        with torch.no_grad():
-            for part, own in self._parts.items():
-                for name, array in part_of(arrays, part).items():
-                    own[name].copy_(torch.tensor(array))
+        parts = {"parameters": trained, "mean": self.mean}
+        for part in (*MOMENTS, "step"):
+            parts[part] = {name: of[one][part] for name, one in trained.items()}
+        return {
+            part: {name: one.detach().numpy() for name, one in own.items()}
+            for part, own in parts.items()
+        }

@@ -70,10 +70,6 @@ class GradientSettings(SearchSettings):
     folder: ClassVar[str | None] = "gradient"
 
 
-DOUBTED, REGAINED = 0.5, 1.02
-"""Factors of the rate and the horizon after a gradient that is not finite, and after one that is:
-the search goes on from the mean that it validates, with smaller steps."""
-
 STEEPEST = 1000.0
 """Largest slope of a lane over the median on your own scene, where a force alone acts. No spring
 pumps energy there. After a shock a lane has steeper slopes than lanes at rest, and they hold."""
@@ -86,11 +82,6 @@ def schedule(settings: GradientSettings, done: float) -> tuple[float, float]:
     warmth = 0.5 * (1.0 + np.cos(np.pi * done))
     rate = settings.rate * (LAST_RATE + (1.0 - LAST_RATE) * warmth)
     return float(np.exp(-1.0 / horizon)), rate
-
-
-def trusted(trust: float, size: float) -> float:
-    """Return the part of rate and horizon to use after a gradient of a size, given that before."""
-    return min(1.0, REGAINED * trust) if np.isfinite(size) else DOUBTED * trust
 
 
 def fitted(settings: GradientSettings, scene: Scene) -> GradientSettings:

@@ -1,0 +1,58 @@
+"""What the descents share: how far they trust a gradient, and what they keep."""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from agents.training.arrays import Arrays, part_of
+from agents.training.search import Search
+
+DOUBTED, REGAINED = 0.5, 1.02
+"""Factors of the trust after a gradient that is not finite, and after one that is."""
+
+
+class Following(Search):
+    """A search along gradients.
+
+    Attributes
+    ----------
+    trust
+        Part of the rate and the horizon that is used: a half after each gradient that is not
+        finite, and again more with each that is.
+    """
+
+    unit: ClassVar[str] = "iteration"
+    trust: float = 1.0
+
+    @property
+    @abstractmethod
+    def _parts(self) -> dict[str, Arrays]:
+        """The arrays from which the next iterations follow, by part and name; to write into."""
+
+    def _judge(self, size: float) -> None:
+        """Trust more or less after a gradient of a size.
+
+        After one that is not finite the search goes on from the mean that it validates.
+        """
+        self.trust = min(1.0, REGAINED * self.trust) if np.isfinite(size) else DOUBTED * self.trust
+        if not np.isfinite(size):
+            parts = self._parts
+            for name, array in parts["parameters"].items():
+                array[...] = parts["mean"][name]
+
+    def _present(self) -> Arrays:
+        return {name: array.copy() for name, array in self._parts["mean"].items()}
+
+    def _state(self) -> Arrays:
+        numbers = {"rounds": self.rounds, "trust": self.trust}
+        state = {f"gradient/{name}": np.asarray(number) for name, number in numbers.items()}
+        for part, own in self._parts.items():
+            state |= {f"{part}/{name}": array.copy() for name, array in own.items()}
+        return state
+
+    def _restore(self, arrays: Arrays) -> None:
+        self.rounds, self.trust = int(arrays["gradient/rounds"]), float(arrays["gradient/trust"])
+        for part, own in self._parts.items():
+            for name, array in part_of(arrays, part).items():
+                own[name][...] = array
