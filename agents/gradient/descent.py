@@ -18,6 +18,7 @@ from agents.gradient.network import (
     longest,
     parameters_of,
     policy_of,
+    shorten,
     with_oscillators,
 )
 from agents.gradient.settings import (
@@ -140,6 +141,8 @@ class Descent(Following):
             spread = np.sqrt(self.squares[name] / (1.0 - SECOND**count)) + 1e-8
             own[name] -= rate / (1.0 - FIRST**count) * sizes[name] * self.slopes[name] / spread
         if "keep" in own:
+            if self.settings.scene is not None:
+                shorten(own["keep"], self.longest)
             hold_stable(own["keep"], self.longest)
         for name, value in own.items():
             self.mean[name] += max(AVERAGED, 1.0 / count) * (value - self.mean[name])

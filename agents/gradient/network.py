@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import eig
 
 from agents.network.layers import UNIT, Correlation, SettlingObserver
 from agents.policies import Policy
@@ -104,6 +105,17 @@ def hold_stable(keep: Single, most: float = LONGEST) -> None:
     """Scale a memory's weights so that it forgets."""
     if keep.size:
         keep *= min(1.0, most / np.abs(np.linalg.eigvals(keep)).max())
+
+
+def shorten(keep: Single, most: float) -> None:
+    """Shorten what a memory remembers for too long, and leave alone what it forgets in time."""
+    if not keep.size:
+        return
+    values, left, right = eig(keep.astype(np.float64), left=True, right=True)
+    long = np.abs(values) > most
+    values, left, right = values[long], left.conj().T[long], right[:, long]
+    sizes = (1.0 - most / np.abs(values)) * values / np.einsum("ij,ji->i", left, right)
+    keep -= ((right * sizes) @ left).real.astype(keep.dtype)
 
 
 class Network:

@@ -269,6 +269,16 @@ class TestGradients:
         # But for what earlier actions change by way of later ones.
         assert slopes[2] == pytest.approx(0.5 * slopes[1], rel=0.05)
 
+    def test_memory_is_shortened_only_where_it_is_too_long(self):
+        draw = np.random.default_rng(0).standard_normal((6, 6))
+        turned, _ = np.linalg.qr(draw)
+        lengths = np.diag([1.1, 0.99, 0.9, 0.5, 0.5, 0.1])
+        lengths[3:5, 3:5] = 0.5 * np.array([[0.6, -0.8], [0.8, 0.6]])
+        keep = (turned @ lengths @ turned.T).astype(np.float32)
+        network.shorten(keep, 0.95)
+        lengths[:2, :2] = 0.95 * np.eye(2)
+        np.testing.assert_allclose(keep, turned @ lengths @ turned.T, atol=1e-6)  # single precision
+
     def test_steep_lanes_are_bounded_and_others_left_alone(self):
         factors = episodes._bounded(np.array([1.0, 2.0, 1e30, 0.0, 2.0]), 10.0)
         most = 2.0 * 10.0  # the median is 2
