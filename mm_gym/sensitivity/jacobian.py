@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym.arrays import Array
+from mm_gym.compiler.addresses import address_of
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
 from mm_gym.lanes.memory import rows_of
@@ -29,7 +30,7 @@ UNFINISHED = (layout.TOO_MANY_EVENTS, layout.TOO_MANY_SERIES, layout.TOO_MANY_ST
 STATES = ("x1", "x2", "v1", "v2")
 
 step_with = cache(tangent_kernel.step_with)
-by_transition = step_by(Linear.entries.cross)
+by_transition = step_by(Linear.entries.cross), Linear.entries.propagate
 
 
 class Jacobian(NamedTuple):
@@ -104,9 +105,9 @@ class Sensitivities:
         states = self._states = len(self.state_rows)
         self._own_states = support.interface.states
         if self._is_constant:
-            self._models, self._advance, tail = [model], by_transition, 1
+            self._models, kernels, tail = [model], by_transition, 1
         else:
-            self._advance, width = _kernel(support, causes, by_tangents=by_tangents)
+            kernels, width = _kernels(support, causes, by_tangents=by_tangents)
             at_once = self._at_once = max(width - states, 1)
             self._models = [
                 model_of(support, causes[first : first + at_once], self.rows, width)
@@ -114,6 +115,7 @@ class Sensitivities:
             ]
             tail = slots.TANGENTS + states * width
         self._rows = rows_of(self.rows + tail, self.count, np.float64)
+        self._advance, self._propagate = kernels
         self.lanes = self._rows[: self.rows, : self.count]
         self.lanes[:] = values
         self.lanes[layout.NOW] = 0.0
@@ -124,6 +126,14 @@ class Sensitivities:
         else:
             columns = self._rows[self.rows + slots.TANGENTS :].reshape(states, width, -1)
             self._columns = columns[:, : states + len(causes), : self.count]
+
+    @cached_property
+    def _address(self) -> int:
+        return address_of(self._propagate, self._models[0], self._rows, 0, 1)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out the address, which is of this process."""
+        return {name: value for name, value in vars(self).items() if name != "_address"}
 
     def _prepared(self, support: Support, model: Array) -> Array:
         """Return what is known beforehand of the derivatives of a linear plant."""
@@ -192,8 +202,8 @@ class Sensitivities:
         status = layout.OK
         for first in range(0, self.count, layout.BLOCK):
             last = min(first + layout.BLOCK, self.count)
-            rows = self.task, model, self._rows, self.streams, actions
-            status = max(status, self._advance(*rows, first, last))
+            rows = self._rows, self.streams, actions
+            status = max(status, self._advance(self.task, model, self._address, *rows, first, last))
         return status
 
     def jacobian(self, actions: Array) -> Jacobian:
@@ -250,10 +260,10 @@ def _is_constant(support: Support, parameters: Iterable[int]) -> bool:
     return not parameters or not (excited or layout.BETA in parameters)
 
 
-def _kernel(
+def _kernels(
     support: Support, causes: Sequence[int], *, by_tangents: bool
-) -> tuple[Callable[..., int], int]:
-    """Return the quickest kernel that follows deviations by causes, and its columns at a time."""
+) -> tuple[tuple[Callable[..., int], Callable[..., int]], int]:
+    """Return the quickest kernels that follow deviations by causes, and their columns at a time."""
     columns = len(support.state_rows) + len(causes)
     if support.is_general:
         return step_with(support.law), min(columns, LANES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.harmonics import rotate
@@ -21,6 +22,7 @@ def _leave(model, lanes, first, last):
     """Do nothing in place of `begin`, or `finish`."""
 
 
+@cache
 def step_by(
     cross: Callable[..., int],
     begin: Callable[..., None] = _leave,
@@ -32,11 +34,11 @@ def step_by(
     """
 
     @borrowing_kernel
-    def step(task, model, lanes, streams, actions, first, last):
+    def step(task, model, propagate, lanes, streams, actions, first, last):
         """Make one control step of the lanes first .. last - 1, of one block.
 
-        Arguments are those of `mm_gym.step`; the lanes' rows are followed by those of
-        `sensitivity.layout`.
+        Arguments are those of `mm_gym.step`, and the address of the kernel that propagates them;
+        the lanes' rows are followed by those of `sensitivity.layout`.
         """
         status = layout.OK
         command(task, lanes, actions, lanes[lanes.shape[0] - 1], first, last)  # no use of rewards
@@ -45,7 +47,7 @@ def step_by(
         for interval in range(int(model[layout.INTERVALS])):
             if excited(model):
                 excite(model, lanes, streams, interval, first, last)
-            status = max(status, cross(model, lanes, interval, first, last))
+            status = max(status, cross(model, lanes, interval, propagate, first, last))
             rotate(model, lanes, interval, first, last)
         finish(model, lanes, first, last)
         lanes[layout.NOW, first] += 1.0
@@ -55,6 +57,7 @@ def step_by(
     return step
 
 
+@cache
 def beginning_with(states: int) -> Callable[..., None]:
     """Return a kernel that begins with deviations of so many states, and of nothing else."""
 
@@ -90,11 +93,11 @@ def _begin_causes(model, lanes, first, last):
             fill(lanes, own + TANGENTS + part * width + j, 0.0, first, last)
 
 
-_begin = beginning_with(STATES)
-by_series = step_by(by_pieces(series_kernel.propagate, has_corners), _begin)
-by_cubic_series = step_by(by_pieces(cubic_kernel.propagate, has_corners), _begin)
-by_linear_series = step_by(
-    by_superposition(linear_kernel.propagate, linear_kernel.respond),
-    _begin_causes,
-    linear_kernel.write_held,
+_by_pieces = step_by(by_pieces(has_corners), beginning_with(STATES))
+by_series = _by_pieces, series_kernel.propagate
+by_cubic_series = _by_pieces, cubic_kernel.propagate
+by_linear_series = (
+    step_by(by_superposition(linear_kernel.respond), _begin_causes, linear_kernel.write_held),
+    linear_kernel.propagate,
 )
+"""Kernels of a control step, each with the one that propagates."""

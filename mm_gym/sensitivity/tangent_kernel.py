@@ -53,8 +53,11 @@ next."""
 _numbers = rows_on_stack(2 * (slots.SIZE + layout.HARMONICS))
 
 
-def step_with(interface: Law) -> Callable[..., int]:
-    """Return the kernel of a control step with deviations, see `step_kernel.step_by`."""
+def step_with(interface: Law) -> tuple[Callable[..., int], Callable[..., int]]:
+    """Return the kernel of a control step with deviations, and the one that propagates.
+
+    See `step_kernel.step_by`.
+    """
 
     @borrowing_kernel
     def propagate(model, lanes, first, last):
@@ -64,7 +67,7 @@ def step_with(interface: Law) -> Callable[..., int]:
         return status
 
     begin = beginning_with(states_of(interface))
-    return step_by(by_pieces(propagate, has_corners, runge_kutta.shorten), begin)
+    return step_by(by_pieces(has_corners, runge_kutta.shorten), begin), propagate
 
 
 def slopes_with(interface: Interface) -> Callable[..., None]:

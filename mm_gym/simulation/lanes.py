@@ -136,13 +136,13 @@ class Lanes:
         bind, advance = self._threads.bind, self._advance
         rows = (self._values, self._frames, self._ends)
         self._constants = np.concatenate([self.plant.task, self.plant.model])
-        cross = 0
-        if advance is not self.plant.entries.advance_simply:
-            entries, excited = self.plant.entries, self._is_excited
-            cross = entries.crossing(self.plant.model, self._values, excited=excited)
+        kernels, entries = np.zeros(1, np.int64), self.plant.entries
+        if advance is not entries.advance_simply:
+            excited = self._is_excited
+            kernels = entries.kernels(self.plant.model, self._values, excited=excited)
         held = np.array([self.applied_rows.start, self.applied_rows.step])  # threads take arrays
         outputs = (*rows, held)
-        self._step_arguments = (self._constants, cross, *rows, self.streams)
+        self._step_arguments = (self._constants, kernels, *rows, self.streams)
         self._advance_all = bind(advance, *self._step_arguments)
         self._copy_outputs = bind(copy_outputs, *outputs)
         self._copy_observed = bind(copy_observed, self._frames)

@@ -134,7 +134,7 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
     status = plant.entries.run_of(excited=excited)(
         plant.model,
         plant.task,
-        plant.entries.crossing(plant.model, lanes.values, excited=excited),
+        plant.entries.kernels(plant.model, lanes.values, excited=excited),
         lanes.values,
         lanes.streams,
         commands,

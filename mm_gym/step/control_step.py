@@ -1,18 +1,20 @@
 """The entries that Python calls.
 
-They call a method's kernel by address: so all methods share them, and a second one that is used is
-compiled alone.
+They call a method's kernels by address: so all methods share them, and a second one that is used
+is compiled alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from mm_gym.arrays import Array, Single
 from mm_gym.compiler.addresses import address_of, call
-from mm_gym.compiler.jit import borrowing_kernel, plain
+from mm_gym.compiler.jit import LINKED, borrowing_kernel, plain
 from mm_gym.excitation.harmonics import rotate
 from mm_gym.excitation.impulses import apply_first_impulses
 from mm_gym.excitation.kinds import excite, has_corners
@@ -35,7 +37,7 @@ from mm_gym.step.task import (
 
 
 class Shared(NamedTuple):
-    """Compiled entries that all methods share; `cross` is the address of one's kernel.
+    """Compiled entries that all methods share; `kernels` are the addresses of one's own.
 
     Most scenes have no excitation but harmonics, so there are entries without the kernels of the
     others: they would take as long to compile as all the rest.
@@ -54,8 +56,8 @@ class Entries(NamedTuple):
 
     shared: Shared
     propagate: Callable[..., int]
+    whole: Callable[..., int]
     cross: Callable[..., int]
-    cross_unexcited: Callable[..., int]
     stops_at_corners: bool
     is_simple: Callable[..., bool] | None
     advance_simply: Callable[..., int] | None
@@ -72,10 +74,13 @@ class Entries(NamedTuple):
         """Return the kernel of a simulation for such scenes."""
         return self.shared.run if excited else self.shared.run_unexcited
 
-    def crossing(self, model: Array, lanes: Array, *, excited: bool) -> int:
-        """Return the address of the method's kernel that these call, for such arrays."""
-        cross = self.cross if excited else self.cross_unexcited
-        return address_of(cross, model, lanes, 0, 0, 1)
+    def kernels(self, model: Array, lanes: Array, *, excited: bool) -> Any:  # noqa: ANN401 - functions where none has an address
+        """Return the addresses of the method's kernels that these call, for such arrays."""
+        propagate = self.propagate if excited else self.whole
+        found = [address_of(propagate, model, lanes, 0, 1)]
+        if excited:
+            found.append(address_of(self.cross, model, lanes, 0, *found, 0, 1))
+        return np.array(found) if LINKED else tuple(found)
 
 
 def build(
@@ -114,14 +119,14 @@ def build(
     """
     is_simple, at_once = simplest or (None, None)
     if respond is not None:
-        cross = by_superposition(propagate, respond)
+        cross = by_superposition(respond)
     else:
-        cross = by_pieces(propagate, has_corners if stops_at_corners else at_none, shorten)
+        cross = by_pieces(has_corners if stops_at_corners else at_none, shorten)
     return Entries(
         _shared(interface),
         propagate,
+        whole or propagate,
         cross,
-        unexcited(whole or propagate),
         stops_at_corners,
         *((is_simple, _advance(at_once)) if at_once else (None, None)),
     )
@@ -131,8 +136,8 @@ def build(
 def _shared(interface: Interface) -> Shared:
     derive = derive_with(link_of(interface))
     return Shared(
-        *_entries(excite, excite_and_apply, derive),
-        *_entries(leave, leave, derive),
+        *_entries(excite, excite_and_apply, cross_excited, derive),
+        *_entries(leave, leave, cross_whole, derive),
         show_first_with(derive),
         derive,
     )
@@ -159,25 +164,27 @@ def excite_and_apply(model, lanes, streams, interval, first, last):
     apply_first_impulses(model, lanes, clock, first, last)
 
 
-def unexcited(propagate: Callable[..., object]) -> Callable[..., object]:
-    """Return a kernel that propagates through a sample interval without sampled excitation."""
+@borrowing_kernel
+def cross_excited(model, lanes, interval, kernels, first, last):
+    """Take lanes through a sample interval."""
+    return call(kernels[1], (model, lanes, interval, kernels[0], first, last))
 
-    @borrowing_kernel
-    def move(model, lanes, interval, first, last):  # noqa: ARG001 - those of `crossing` have it
-        return propagate(model, lanes, first, last)
 
-    return move
+@borrowing_kernel
+def cross_whole(model, lanes, interval, kernels, first, last):  # noqa: ARG001 - as `cross_excited`
+    """Take lanes through a sample interval without sampled excitation."""
+    return call(kernels[0], (model, lanes, first, last))
 
 
 def _advance(step: Callable[..., int]) -> Callable[..., int]:
     """Return the entry that makes a control step by a kernel such as `_step_with` returns."""
 
     @borrowing_kernel
-    def advance(constants, cross, lanes, frames, ends, streams, actions, rewards, first, last):
+    def advance(constants, kernels, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step, without resets; none moves if one action is not finite."""
         if not finite(actions):
             return layout.NOT_FINITE
-        return step(constants, cross, lanes, frames, ends, streams, actions, rewards, first, last)
+        return step(constants, kernels, lanes, frames, ends, streams, actions, rewards, first, last)
 
     return advance
 
@@ -185,22 +192,24 @@ def _advance(step: Callable[..., int]) -> Callable[..., int]:
 def _entries(
     disturb: Callable[..., None],
     disturb_and_apply: Callable[..., None],
+    cross: Callable[..., int],
     derive: Callable[..., None],
 ) -> tuple[Callable[..., int], Callable[..., int]]:
     """Return kernels that make a control step and run a simulation.
 
     `disturb` writes the excitation of a sample interval; `disturb_and_apply` also applies the
-    impulses at the interval's start; `derive` as `outputs.derive_with` returns it.
+    impulses at the interval's start; `cross` takes lanes through it; `derive` as
+    `outputs.derive_with` returns it.
     """
 
     @borrowing_kernel
-    def run(model, task, cross, lanes, streams, commands, starts, states, applied, jets):
+    def run(model, task, kernels, lanes, streams, commands, starts, states, applied, jets):
         """Simulate lane 0 and record every sample interval.
 
         Parameters
         ----------
-        cross
-            Address of the kernel that takes lanes through a sample interval.
+        kernels
+            As of `Entries.kernels`.
         commands
             (steps, 2) read: force [N] and stretch [-] asked for in each control step; (steps, 3)
             with the damping [N s/m] behind them if it is actuated.
@@ -225,7 +234,7 @@ def _entries(
                 for row in range(2 * terms):
                     jets[k, row] = lanes[first + row, 0]
                 record_state(model, lanes, starts, k)
-                status = call(cross, (model, lanes, interval, 0, 1))
+                status = cross(model, lanes, interval, kernels, 0, 1)
                 if status > layout.ENDED:
                     return status
                 rotate(model, lanes, interval, 0, 1)
@@ -234,35 +243,37 @@ def _entries(
             pass_frame(task, streams, 0, 1)
         return layout.OK
 
-    return _advance(_step_with(disturb, derive)), run
+    return _advance(_step_with(disturb, cross, derive)), run
 
 
-def _step_with(disturb: Callable[..., None], derive: Callable[..., None]) -> Callable[..., int]:
+def _step_with(
+    disturb: Callable[..., None], cross: Callable[..., int], derive: Callable[..., None]
+) -> Callable[..., int]:
     """Return a kernel that steps lanes block by block, one pass after the other.
 
-    `disturb` and `derive` as for `_entries`.
+    `disturb`, `cross` and `derive` as for `_entries`.
     """
 
     @borrowing_kernel
-    def move(task, model, cross, lanes, streams, actions, rewards, first, last):
+    def move(task, model, kernels, lanes, streams, actions, rewards, first, last):
         """Command, excite, propagate and score the lanes of a block."""
         command(task, lanes, actions, rewards, first, last)
         hold(model, lanes, first, last)
         status = layout.OK
         for interval in range(int(model[layout.INTERVALS])):
             disturb(model, lanes, streams, interval, first, last)
-            status = max(status, call(cross, (model, lanes, interval, first, last)))
+            status = max(status, cross(model, lanes, interval, kernels, first, last))
             if model[layout.HARMONIC_COUNT] > 0.0:
                 rotate(model, lanes, interval, first, last)
         return max(status, score(task, lanes, rewards, first, last))
 
     @borrowing_kernel
-    def step(constants, cross, lanes, frames, ends, streams, actions, rewards, first, last):
+    def step(constants, kernels, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step."""
         (task, model), status = task_and_model(constants), layout.OK
         for start in range(first, last, layout.BLOCK):
             stop = min(start + layout.BLOCK, last)
-            outcome = move(task, model, cross, lanes, streams, actions, rewards, start, stop)
+            outcome = move(task, model, kernels, lanes, streams, actions, rewards, start, stop)
             ended = check_termination(task, lanes, ends, start, stop)
             if outcome == layout.ESCAPED and are_terminated(
                 lanes, ends, model[layout.SAMPLE_INTERVAL], start, stop

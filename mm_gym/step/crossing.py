@@ -5,13 +5,17 @@ motion without them; the records' polynomials are as good as their corners, see
 `mm_gym.excitation.record`. Methods that walk lane by lane stop at each impulse and corner,
 and go on from there.
 
-Arguments in common are those of `mm_gym.excitation`.
+Arguments in common are those of `mm_gym.excitation`; `propagate` is the address of a method's
+kernel.
 """
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
+from mm_gym.compiler.addresses import call
 from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.excitation import impulse_process as process
 from mm_gym.excitation.impulses import (
@@ -42,7 +46,8 @@ ROUND_OFF = 2.0**-50
 """Size of the rounding of a time, relative to it: what lies nearer is one instant."""
 
 
-def by_superposition(propagate, respond):
+@cache
+def by_superposition(respond):
     """Return a kernel that propagates through the whole sample interval, and adds responses.
 
     `respond(model, lanes, time, v1, v2, i)` adds to the state of lane i its free motion for a time
@@ -77,14 +82,14 @@ def by_superposition(propagate, respond):
                     add_few(model, slot, lanes, clock, start, inside)
 
     @borrowing_kernel
-    def move(model, lanes, interval, first, last):
+    def move(model, lanes, interval, propagate, first, last):
         groups_within = 0
         clock = lanes[layout.NOW, first], model[layout.INTERVALS], float(interval)
         if excited(model):
             if has_impulses(model):
                 groups_within = apply_first_impulses(model, lanes, clock, first, last)
             add_records(model, lanes, clock, first, last)
-        status = propagate(model, lanes, first, last)
+        status = call(propagate, (model, lanes, first, last))
         if groups_within != 0:
             add_responses(model, lanes, clock, groups_within, first, last)
         return status
@@ -103,7 +108,8 @@ def unchanged(model, piece):
     """Leave the model of a piece as it is."""
 
 
-def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
+@cache
+def by_pieces(at_corners=at_none, shorten=unchanged):
     """Return a kernel that propagates from impulse to impulse, and from corner to corner.
 
     `propagate` takes any sample interval up to the one that its model was made for; `at_corners
@@ -112,7 +118,7 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
     """
 
     @kernel
-    def walk(model, lanes, clock, first, last):
+    def walk(model, lanes, clock, propagate, first, last):
         own = int(model[layout.EXCITATION])
         terms, row = int(model[layout.TERMS]), int(model[layout.JETS])
         harmonics, step = int(model[layout.HARMONIC_COUNT]), model[layout.SAMPLE_INTERVAL]
@@ -138,7 +144,7 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
                     shorten(model, piece)
                     write_jets(model, lanes, others, began, elapsed, end - elapsed, i)
                     _turn_phases(lanes, phases, elapsed, i)
-                    status = max(status, propagate(piece, lanes, i, i + 1))
+                    status = max(status, call(propagate, (piece, lanes, i, i + 1)))
                 elapsed = end
                 if impulse <= end < step:
                     v1, v2 = take_impulses(model, lanes, count, impulse, i)
@@ -148,13 +154,13 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
         return status
 
     @borrowing_kernel
-    def whole(model, lanes, clock, first, last):
+    def whole(model, lanes, clock, propagate, first, last):
         if excited(model):
             add_records(model, lanes, clock, first, last)
-        return propagate(model, lanes, first, last)
+        return call(propagate, (model, lanes, first, last))
 
     @borrowing_kernel
-    def around_impulses(model, lanes, clock, first, last):
+    def around_impulses(model, lanes, clock, propagate, first, last):
         status, begin, step = layout.OK, first, model[layout.SAMPLE_INTERVAL]
         for start in range(first, last, LANES):
             stop = min(start + LANES, last)
@@ -164,24 +170,24 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
                 count = intervals_since(clock, lanes[layout.BEGAN, i])
                 if next_impulse(model, lanes, count, i) < step:
                     if begin < i:
-                        status = max(status, whole(model, lanes, clock, begin, i))
-                    status = max(status, walk(model, lanes, clock, i, i + 1))
+                        status = max(status, whole(model, lanes, clock, propagate, begin, i))
+                    status = max(status, walk(model, lanes, clock, propagate, i, i + 1))
                     begin = i + 1
         if begin < last:
-            status = max(status, whole(model, lanes, clock, begin, last))
+            status = max(status, whole(model, lanes, clock, propagate, begin, last))
         return status
 
     @borrowing_kernel
-    def move(model, lanes, interval, first, last):
+    def move(model, lanes, interval, propagate, first, last):
         clock = lanes[layout.NOW, first], model[layout.INTERVALS], float(interval)
         groups_within = 0
         if excited(model) and has_impulses(model):
             groups_within = apply_first_impulses(model, lanes, clock, first, last)
         if at_corners(model):
-            return walk(model, lanes, clock, first, last)
+            return walk(model, lanes, clock, propagate, first, last)
         if groups_within != 0:
-            return around_impulses(model, lanes, clock, first, last)
-        return whole(model, lanes, clock, first, last)
+            return around_impulses(model, lanes, clock, propagate, first, last)
+        return whole(model, lanes, clock, propagate, first, last)
 
     return move
 

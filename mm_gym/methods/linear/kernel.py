@@ -106,7 +106,7 @@ def _product(m, k, z):
 
 
 @borrowing_kernel
-def at_once(constants, cross, lanes, frames, ends, streams, actions, rewards, first, last):  # noqa: ARG001 - other scenes need `cross` and the streams
+def at_once(constants, kernels, lanes, frames, ends, streams, actions, rewards, first, last):  # noqa: ARG001 - other scenes need `kernels` and the streams
     """Step the simplest scenes in one pass over all lanes; arguments as of other scenes' step.
 
     What it saves is not arithmetic but memory: each row is read and written once.
