@@ -143,7 +143,8 @@ def test_errors_show_the_order_and_the_tolerance(
 
 def test_cost_grows_with_the_work(results: dict[str, WorkPrecision]) -> None:
     rk4 = [one.seconds for one in results["linear"].settings if one.method == "rk4"]
-    assert rk4[-1] > 100.0 * rk4[0] > 0.0
+    # Not by as much as the substeps: the call itself costs as much as tens of them.
+    assert rk4[-1] > 10.0 * rk4[0] > 0.0
     # A control step takes microseconds at most.
     assert all(0.0 < one.seconds < 1.0 for one in results["linear"].settings)
 
