@@ -225,6 +225,7 @@ def robustness_page(scores: Mapping[str, Any]) -> str:
         scores=scores,
         compared={short_name(name): rows for name, rows in compared.items() if rows[-1]},
         not_better=[short_name(name) for name, rows in compared.items() if not _agent_wins(rows)],
+        unsure=[short_name(name) for name, rows in compared.items() if _overlap(rows)],
     )
 
 
@@ -243,6 +244,14 @@ def _agent_wins(compared: Sequence[Row | None]) -> bool:
     if controller is None or agent is None:
         return False
     return bool(agent["rigs"] < controller["rigs"])
+
+
+def _overlap(compared: Sequence[Row | None]) -> bool:
+    """Tell whether the interval of an agent that wins reaches that of the best controller."""
+    controller, _, agent = compared
+    if controller is None or agent is None:
+        return False
+    return bool(agent["rigs"] < controller["rigs"] and agent["high"] > controller["low"])
 
 
 def sealed_page(data: Mapping[str, Any]) -> str:

@@ -96,6 +96,15 @@ def test_the_page_is_that_of_its_scores(monkeypatch, tmp_path, capsys):
     assert "tasks: got 'CarriageForce'; allowed: " in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("high", [0.0, 10.0])
+def test_the_page_says_where_the_intervals_of_agent_and_controller_overlap(high):
+    scores = json.loads(robustness.DATA.read_text())[VARIANT]
+    for row in scores["rows"]:
+        row["low"], row["high"] = row["rigs"], row["rigs"] + high
+    told = f"overlap on {VARIANT.removeprefix('mm_gym/').removesuffix('-v0')}."
+    assert (told in page({VARIANT: scores})) == (high > 0.0)
+
+
 def test_scores_are_of_the_present_variants():
     scores = json.loads(robustness.DATA.read_text())
     assert list(scores) == [name for name in robust_ids() if name in scores]
