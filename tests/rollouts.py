@@ -23,3 +23,16 @@ def rollout(env, actions):
         if isinstance(env, MovingMassEnv) and (result[2] or result[3]):
             seen.append(env.reset())
     return seen
+
+
+PUSHING = """
+import numpy as np
+
+class Law:
+    def __init__(self, scene):
+        pass
+
+    def action(self, memory, state, applied):
+        return np.sign(state[:, 2:3]), memory
+"""
+"""A file with a controller that pushes the way that the carriage goes."""

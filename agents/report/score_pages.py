@@ -225,7 +225,11 @@ def robustness_page(scores: Mapping[str, Any]) -> str:
         scores=scores,
         compared={short_name(name): rows for name, rows in compared.items() if rows[-1]},
         not_better=[short_name(name) for name, rows in compared.items() if not _agent_wins(rows)],
-        unsure=[short_name(name) for name, rows in compared.items() if _overlap(rows)],
+        unsure=[
+            short_name(name)
+            for name, rows in compared.items()
+            if _agent_wins(rows) and not _agent_wins(rows, "high", "low")
+        ],
     )
 
 
@@ -238,20 +242,15 @@ def _compared(rows: Sequence[Row]) -> list[Row | None]:
     ]
 
 
-def _agent_wins(compared: Sequence[Row | None]) -> bool:
-    """Tell whether the agent over the rigs costs less there than the best controller."""
+def _agent_wins(compared: Sequence[Row | None], end: str = "rigs", of: str = "rigs") -> bool:
+    """Tell whether the agent over the rigs costs less there than the best controller.
+
+    Compared are their costs, or an end of the interval of each.
+    """
     controller, _, agent = compared
     if controller is None or agent is None:
         return False
-    return bool(agent["rigs"] < controller["rigs"])
-
-
-def _overlap(compared: Sequence[Row | None]) -> bool:
-    """Tell whether the interval of an agent that wins reaches that of the best controller."""
-    controller, _, agent = compared
-    if controller is None or agent is None:
-        return False
-    return bool(agent["rigs"] < controller["rigs"] and agent["high"] > controller["low"])
+    return bool(agent[end] < controller[of])
 
 
 def sealed_page(data: Mapping[str, Any]) -> str:

@@ -136,10 +136,8 @@ class Lanes:
         bind, advance = self._threads.bind, self._advance
         rows = (self._values, self._frames, self._ends)
         self._constants = np.concatenate([self.plant.task, self.plant.model])
-        kernels, entries = np.zeros(1, np.int64), self.plant.entries
-        if advance is not entries.advance_simply:
-            excited = self._is_excited
-            kernels = entries.kernels(self.plant.model, self._values, excited=excited)
+        simply = advance is self.plant.entries.advance_simply
+        kernels = np.zeros(1, np.int64) if simply else self.kernels
         held = np.array([self.applied_rows.start, self.applied_rows.step])  # threads take arrays
         outputs = (*rows, held)
         self._step_arguments = (self._constants, kernels, *rows, self.streams)
@@ -161,6 +159,11 @@ class Lanes:
         self.rest = bind(episodes.rest, values)
         ends = self._ends
         self._listing = ends, ends.view(np.uint64), np.zeros(ends.shape[1], np.int64)
+
+    @cached_property
+    def kernels(self) -> Any:  # noqa: ANN401 - as of `Entries`
+        """What a control step calls, as of `Entries.kernels`: to look it up takes longer."""
+        return self.plant.entries.kernels(self.plant.model, self._values, excited=self._is_excited)
 
     @cached_property
     def _list_ended(self) -> Callable[..., int]:

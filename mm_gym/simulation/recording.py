@@ -127,14 +127,13 @@ def first(recording: Recording, count: int) -> Recording:
 def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> None:
     """Simulate a control step for each row of commands (k, 2) [N, -], or (k, 3) [N, -, N s/m].
 
-    The recording is written from the sample interval `first` on.
+    There is one lane. The recording is written from the sample interval `first` on.
     """
     plant, last = lanes.plant, first + len(commands) * lanes.plant.support.intervals_per_step
-    excited = plant.support.sampled
-    status = plant.entries.run_of(excited=excited)(
+    status = plant.entries.run_of(excited=plant.support.sampled)(
         plant.model,
         plant.task,
-        plant.entries.kernels(plant.model, lanes.values, excited=excited),
+        lanes.kernels,
         lanes.values,
         lanes.streams,
         commands,

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rollouts import PUSHING
 
 from agents.commands import descend, evolve, iterate
 from agents.commands import train as command
@@ -41,18 +42,6 @@ effort_weight = 0.001
 steps = 150
 """
 """A light frame under a random force, of which one late and noisy displacement is observed."""
-
-BAD = """
-import numpy as np
-
-class Law:
-    def __init__(self, scene):
-        pass
-
-    def action(self, memory, state, applied):
-        return np.sign(state[:, 2:3]), memory
-"""
-"""A controller that pushes the way that the carriage goes."""
 
 SHORT = {
     "evolve": ["--generations", "1", "--candidates", "4", "--episodes", "2"],
@@ -166,7 +155,7 @@ class TestLateNoisyFrame:
         assert validation_cost(frame, Learned(load_policy(Run("mine").policy))) == without
 
     def test_trained_agent_that_is_worse_than_no_control_says_so(self, lines_of, tmp_path):
-        (tmp_path / "bad.py").write_text(BAD)
+        (tmp_path / "bad.py").write_text(PUSHING)
         base = ["CarriageForce", "--scene", "frame.toml", "--name", "mine", "--base", "bad.py:Law"]
         lines = lines_of(command, *base, *SHORT["train"])
         ending = read_ending(Run("mine"))

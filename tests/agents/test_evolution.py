@@ -6,6 +6,7 @@ import sys
 import kills
 import numpy as np
 import pytest
+from rollouts import PUSHING
 
 from agents.commands import evolve as command
 from agents.control.feedback import Feedback
@@ -34,19 +35,6 @@ TINY = EvolveSettings(
     evaluations=3,
     hidden=4,
 )
-
-
-BAD = """
-import numpy as np
-
-class Law:
-    def __init__(self, scene):
-        pass
-
-    def action(self, memory, state, applied):
-        return np.sign(state[:, 2:3]), memory
-"""
-"""A controller that pushes the way that the carriage goes."""
 
 
 def changed(**fields):
@@ -318,7 +306,7 @@ class TestBases:
             np.testing.assert_allclose(cost, np.sort(penalties)[-3:].mean(), rtol=1e-3)
 
     def test_agent_of_a_base_worse_than_no_control_keeps_the_base(self, tmp_path):
-        (tmp_path / "bad.py").write_text(BAD)
+        (tmp_path / "bad.py").write_text(PUSHING)
         settings = changed(base=f"{tmp_path}/bad.py:Law", generations=1, authority=0.01)
         run = Run("tiny", tmp_path)
         evolve(settings, run)
