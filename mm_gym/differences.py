@@ -73,7 +73,8 @@ class Outputs:
         plant, own = self.env.plant, self.env.scene.own_reward
         if plant.support.damped_row:
             lanes[plant.support.damped_row] = lanes[layout.DAMPING]
-        plant.entries.shared.derive(plant.task, plant.model, lanes, 0, lanes.shape[1])
+        if plant.task[layout.IS_DERIVED]:
+            plant.entries.derive(plant.task, plant.model, lanes, 0, lanes.shape[1])
         shown = [
             factor
             * (lanes[c.row] - (0.0 if c.subtracted == layout.NO_ROW else lanes[c.subtracted]))

@@ -64,7 +64,7 @@ class LaneResponse:
         jumps = np.where(counts, _spring_energy(before) - old, 0.0)
         model = env.plant.model
         for values in (before, after):
-            env.plant.entries.shared.derive(self._task, model, values, 0, env.num_envs)
+            env.plant.entries.derive(self._task, model, values, 0, env.num_envs)
         duration = np.where(counts, env.scene.control.time_step, 0.0)
         self._totals.add(_end(before), _end(after), after[layout.FORCE][:, None], duration[:, None])
         self._totals.add_jumps(jumps[:, None])

@@ -301,7 +301,7 @@ class Plant:
         if self.support.damped_row:
             derived[self.support.damped_row] = derived[layout.DAMPING]
         given = self.model if model is None else model
-        self.entries.shared.derive(self.task, given, derived, 0, lanes.shape[1])
+        self.entries.derive(self.task, given, derived, 0, lanes.shape[1])
         slots = layout.WEIGHT_CARRIAGE_ACCELERATION, layout.WEIGHT_SPHERE_ACCELERATION
         carriage, sphere = self.task[list(slots)]
         sphere = sphere + self.task[layout.WEIGHT_COUPLING_FORCE] * derived[layout.M2] ** 2

@@ -153,7 +153,7 @@ def _end(recording: Recording, n: int) -> Array:
     """Return the state (4,) at the end of a sample interval, by the recording's plant."""
     plant, lane = recording.plant, lane_at(recording, n)
     interval = n % plant.support.intervals_per_step
-    kernels = plant.entries.kernels(plant.model, lane, excited=True)
+    kernels = plant.entries.kernels(plant.task, plant.model, lane, excited=True)
     status = plant.entries.cross(plant.model, lane, interval, kernels[0], 0, 1)
     if status > layout.ENDED:
         raise SimulationError(layout.MESSAGES[status])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array, Single
-from mm_gym.compiler.jit import entry_point, plain
+from mm_gym.compiler.jit import LINKED, entry_point, plain
 from mm_gym.compiler.notice import expect
 from mm_gym.errors import ActionError, SceneError, SimulationError
 from mm_gym.excitation.kinds import begin_excitation
@@ -110,7 +110,7 @@ class Lanes:
         )
         self._bind_steps()
         self._bind_episodes()
-        expect(self._advance, episodes.start, plant.entries.shared.show_first)
+        expect(self._advance, episodes.start, episodes.show_first)
         if plant.support.sampled:
             expect(begin_excitation)
 
@@ -137,7 +137,7 @@ class Lanes:
         rows = (self._values, self._frames, self._ends)
         self._constants = np.concatenate([self.plant.task, self.plant.model])
         simply = advance is self.plant.entries.advance_simply
-        kernels = np.zeros(1, np.int64) if simply else self.kernels
+        kernels = np.zeros(3, np.int64) if simply and LINKED else self.kernels
         held = np.array([self.applied_rows.start, self.applied_rows.step])  # threads take arrays
         outputs = (*rows, held)
         self._step_arguments = (self._constants, kernels, *rows, self.streams)
@@ -149,12 +149,11 @@ class Lanes:
 
     def _bind_episodes(self) -> None:
         bind, values, streams = self._threads.bind, self._values, self.streams
-        model, task = self.plant.model, self.plant.task
         start = self.plant.template, self.plant.draws, self._constants
         self._start = bind(episodes.start, *start, values, streams)
-        self._begin_excitation = bind(begin_excitation, model, values, streams)
+        self._begin_excitation = bind(begin_excitation, self.plant.model, values, streams)
         self._show = bind(
-            self.plant.entries.shared.show_first, model, task, values, self._frames, streams
+            episodes.show_first, *self._step_arguments[:2], values, self._frames, streams
         )
         self.rest = bind(episodes.rest, values)
         ends = self._ends
@@ -163,7 +162,10 @@ class Lanes:
     @cached_property
     def kernels(self) -> Any:  # noqa: ANN401 - as of `Entries`
         """What a control step calls, as of `Entries.kernels`: to look it up takes longer."""
-        return self.plant.entries.kernels(self.plant.model, self._values, excited=self._is_excited)
+        plant = self.plant
+        return plant.entries.kernels(
+            plant.task, plant.model, self._values, excited=self._is_excited
+        )
 
     @cached_property
     def _list_ended(self) -> Callable[..., int]:

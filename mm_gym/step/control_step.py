@@ -1,13 +1,12 @@
 """The entries that Python calls.
 
-They call a method's kernels by address: so all methods share them, and a second one that is used
-is compiled alone.
+They call the kernels of a method and of an interface by address: so all share them, and a second
+one that is used is compiled alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,8 +21,7 @@ from mm_gym.lanes import layout
 from mm_gym.law.carriage_spring import are_terminated
 from mm_gym.law.interface import LINE, Interface, state_row
 from mm_gym.step.crossing import at_none, by_pieces, by_superposition, unchanged
-from mm_gym.step.episodes import show_first_with
-from mm_gym.step.outputs import derive_with, link_of, observe, pass_frame
+from mm_gym.step.outputs import deriving, observe, pass_frame
 from mm_gym.step.task import (
     check_termination,
     command,
@@ -36,28 +34,13 @@ from mm_gym.step.task import (
 )
 
 
-class Shared(NamedTuple):
-    """Compiled entries that all methods share; `kernels` are the addresses of one's own.
-
-    Most scenes have no excitation but harmonics, so there are entries without the kernels of the
-    others: they would take as long to compile as all the rest.
-    """
-
-    advance: Callable[..., int]
-    run: Callable[..., int]
-    advance_unexcited: Callable[..., int]
-    run_unexcited: Callable[..., int]
-    show_first: Callable[..., int]
-    derive: Callable[..., None]
-
-
 class Entries(NamedTuple):
-    """Compiled entries of one method, which may have one for its simplest scenes."""
+    """Kernels of one method, and an entry of its own if it has one for its simplest scenes."""
 
-    shared: Shared
     propagate: Callable[..., int]
     whole: Callable[..., int]
     cross: Callable[..., int]
+    derive: Callable[..., int]
     stops_at_corners: bool
     is_simple: Callable[..., bool] | None
     advance_simply: Callable[..., int] | None
@@ -68,19 +51,27 @@ class Entries(NamedTuple):
         """Return the kernel of a control step for a scene with or without sampled excitation."""
         if self.is_simple and self.advance_simply and plain(self.is_simple)(task, model, frames):
             return self.advance_simply
-        return self.shared.advance if excited else self.shared.advance_unexcited
+        return advance if excited else advance_unexcited
 
     def run_of(self, *, excited: bool) -> Callable[..., int]:
         """Return the kernel of a simulation for such scenes."""
-        return self.shared.run if excited else self.shared.run_unexcited
+        return run if excited else run_unexcited
 
-    def kernels(self, model: Array, lanes: Array, *, excited: bool) -> Any:  # noqa: ANN401 - functions where none has an address
-        """Return the addresses of the method's kernels that these call, for such arrays."""
+    def kernels(self, task: Array, model: Array, lanes: Array, *, excited: bool) -> Any:  # noqa: ANN401 - functions where none has an address
+        """Return the addresses of the kernels that these call, for such arrays.
+
+        They are `propagate`, or `whole`; `derive`; and `cross`. Those that are not called are 0.
+        """
         propagate = self.propagate if excited else self.whole
-        found = [address_of(propagate, model, lanes, 0, 1)]
+        if not LINKED:
+            return propagate, self.derive, self.cross
+        found = np.zeros(3, np.int64)
+        found[0] = address_of(propagate, model, lanes, 0, 1)
+        if task[layout.IS_DERIVED]:
+            found[1] = address_of(self.derive, task, model, lanes, 0, 1)
         if excited:
-            found.append(address_of(self.cross, model, lanes, 0, *found, 0, 1))
-        return np.array(found) if LINKED else tuple(found)
+            found[2] = address_of(self.cross, model, lanes, 0, int(found[0]), 0, 1)
+        return found
 
 
 def build(
@@ -123,23 +114,12 @@ def build(
     else:
         cross = by_pieces(has_corners if stops_at_corners else at_none, shorten)
     return Entries(
-        _shared(interface),
         propagate,
         whole or propagate,
         cross,
+        deriving(interface),
         stops_at_corners,
         *((is_simple, _advance(at_once)) if at_once else (None, None)),
-    )
-
-
-@cache
-def _shared(interface: Interface) -> Shared:
-    derive = derive_with(link_of(interface))
-    return Shared(
-        *_entries(excite, excite_and_apply, cross_excited, derive),
-        *_entries(leave, leave, cross_whole, derive),
-        show_first_with(derive),
-        derive,
     )
 
 
@@ -167,7 +147,7 @@ def excite_and_apply(model, lanes, streams, interval, first, last):
 @borrowing_kernel
 def cross_excited(model, lanes, interval, kernels, first, last):
     """Take lanes through a sample interval."""
-    return call(kernels[1], (model, lanes, interval, kernels[0], first, last))
+    return call(kernels[2], (model, lanes, interval, kernels[0], first, last))
 
 
 @borrowing_kernel
@@ -193,13 +173,11 @@ def _entries(
     disturb: Callable[..., None],
     disturb_and_apply: Callable[..., None],
     cross: Callable[..., int],
-    derive: Callable[..., None],
 ) -> tuple[Callable[..., int], Callable[..., int]]:
     """Return kernels that make a control step and run a simulation.
 
     `disturb` writes the excitation of a sample interval; `disturb_and_apply` also applies the
-    impulses at the interval's start; `cross` takes lanes through it; `derive` as
-    `outputs.derive_with` returns it.
+    impulses at the interval's start; `cross` takes lanes through it.
     """
 
     @borrowing_kernel
@@ -243,15 +221,13 @@ def _entries(
             pass_frame(task, streams, 0, 1)
         return layout.OK
 
-    return _advance(_step_with(disturb, cross, derive)), run
+    return _advance(_step_with(disturb, cross)), run
 
 
-def _step_with(
-    disturb: Callable[..., None], cross: Callable[..., int], derive: Callable[..., None]
-) -> Callable[..., int]:
+def _step_with(disturb: Callable[..., None], cross: Callable[..., int]) -> Callable[..., int]:
     """Return a kernel that steps lanes block by block, one pass after the other.
 
-    `disturb`, `cross` and `derive` as for `_entries`.
+    `disturb` and `cross` as for `_entries`.
     """
 
     @borrowing_kernel
@@ -280,10 +256,17 @@ def _step_with(
             ):
                 outcome = layout.OK
             status = max(status, outcome, ended)
-            derive(task, model, lanes, start, stop)
+            if task[layout.IS_DERIVED] > 0.0:
+                call(kernels[1], (task, model, lanes, start, stop))
             if task[layout.HAS_DERIVED_COST] > 0.0:
                 status = max(status, score_derived(task, lanes, rewards, start, stop))
             observe(task, lanes, frames, streams, start, stop)
         return status
 
     return step
+
+
+# Most scenes have no excitation but harmonics, so there are entries without the kernels of the
+# others: they would take as long to compile as all the rest.
+advance, run = _entries(excite, excite_and_apply, cross_excited)
+advance_unexcited, run_unexcited = _entries(leave, leave, cross_whole)

@@ -7,12 +7,11 @@ the step.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym.arrays import Array
+from mm_gym.compiler.addresses import call
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.harmonics import begin_harmonic
 from mm_gym.lanes import layout
@@ -149,20 +148,19 @@ def _write_regimes_and_phases(model, lanes, first, last):
         begin_harmonic(lanes, harmonic, model[layout.SAMPLE_INTERVAL], first, last)
 
 
-def show_first_with(derive: Callable[..., None]) -> Callable[..., int]:
-    """Return the kernel that shows the first frame, with a kernel of `outputs.derive_with`."""
+@borrowing_kernel
+def show_first(constants, kernels, lanes, frames, streams, which, first, last):
+    """Fill the history of the lanes listed with their first frame.
 
-    @borrowing_kernel
-    def show_first(model, task, lanes, frames, streams, which, first, last):
-        """Fill the history of the lanes listed with their first frame."""
-        own = which[place_of(first, which) : place_of(last, which)]
-        if task[layout.IS_DERIVED] > 0.0:
-            for i in own:
-                derive(task, model, lanes, i, i + 1)
-        fill_history(task, lanes, frames, streams, own)
-        return layout.OK
-
-    return show_first
+    `kernels` are those of a control step, see `mm_gym.step.control_step.Entries.kernels`.
+    """
+    task, model = task_and_model(constants)
+    own = which[place_of(first, which) : place_of(last, which)]
+    if task[layout.IS_DERIVED] > 0.0:
+        for i in own:
+            call(kernels[1], (task, model, lanes, i, i + 1))
+    fill_history(task, lanes, frames, streams, own)
+    return layout.OK
 
 
 @borrowing_kernel

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
@@ -51,18 +52,21 @@ def link_of(interface: Interface) -> Callable[..., tuple[float, float]]:
     return link
 
 
-def derive_with(link: Callable[..., float]) -> Callable[..., None]:
-    """Return the kernel that writes what follows from the state, with a kernel of `link_of`."""
+@cache
+def deriving(interface: Interface) -> Callable[..., int]:
+    """Return the kernel that writes what follows from the state, and its status.
+
+    It is called only where a task shows or scores that.
+    """
+    link = link_of(interface)
 
     @borrowing_kernel
     def derive(task, model, lanes, first, last):
-        """Write rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION, if one is shown or scored.
+        """Write rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION.
 
         The first three of them are written only if one of the three is, DISTURBANCE only then or
         if a channel shows it.
         """
-        if not task[layout.IS_DERIVED] > 0.0:
-            return
         has_reactions, is_pushed = task[layout.HAS_REACTIONS] > 0.0, False
         for k in range(int(task[layout.CHANNEL_COUNT])):
             is_pushed |= rows_of(task, k)[0] == layout.DISTURBANCE
@@ -72,6 +76,7 @@ def derive_with(link: Callable[..., float]) -> Callable[..., None]:
         if has_reactions:
             for i in range(first, last):
                 write_reactions(model, lanes, link(model, lanes, i), i)
+        return layout.OK
 
     return derive
 

@@ -241,7 +241,7 @@ def advance(lanes: Lanes, rng: np.random.Generator) -> tuple[int, Array, list[_L
     before, samples = values[:, :count].copy(), []
     filters = [row + noise.VALUE for kind, _, row, _ in _parts(plant) if kind == kernels.FILTER]
     samples, status = [before[filters]], layout.OK
-    own = plant.entries.kernels(plant.model, values, excited=True)[0]
+    own = plant.entries.kernels(plant.task, plant.model, values, excited=True)[0]
     for interval in range(intervals):
         if plant.support.sampled:
             excite(plant.model, values, lanes.streams, interval, 0, count)

@@ -18,7 +18,7 @@ from mm_gym.compiler.dispatcher import KernelDispatcher
 from mm_gym.compiler.lock import locked
 from mm_gym.simulation import simulate as warm_module
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.step import episodes
+from mm_gym.step import control_step, episodes
 from mm_gym.tasks import path_of
 
 TASK = "mm_gym/CarriageForce-v0"
@@ -152,9 +152,8 @@ def test_ten_workers_that_start_at_once_compile_what_one_would(tmp_path):
 )
 def test_the_simplest_scenes_do_without_the_kernels_of_the_others(changes, is_simple):
     plant = compile_scene(load_scene(TASK).replace(**changes))
-    entries, shared = plant.entries, plant.entries.shared
-    other = shared.advance if plant.support.sampled else shared.advance_unexcited
-    assert Lanes(plant, 1)._advance is (entries.advance_simply if is_simple else other)
+    other = control_step.advance if plant.support.sampled else control_step.advance_unexcited
+    assert Lanes(plant, 1)._advance is (plant.entries.advance_simply if is_simple else other)
 
 
 def test_steps_of_the_simplest_scenes_are_those_of_the_others():
