@@ -13,6 +13,7 @@ from mm_gym.compiler.cache import closed_over, sources
 from mm_gym.law.interface import LINE, Law, law_of
 from mm_gym.methods import METHODS
 from mm_gym.methods.runge_kutta.method import entries_with
+from mm_gym.step import control_step
 
 DECORATORS = ("kernel", "borrowing_kernel", "inlined_kernel", "sharing_kernel")
 
@@ -109,7 +110,9 @@ def test_kernels_of_one_key_in_the_cache_have_the_same_code():
     for facts in itertools.product((False, True), repeat=3):
         names = ("has_friction", "is_finite", "is_excited")
         every.append(entries_with(law_of(LINE, **dict(zip(names, facts, strict=True))), LINE))
-    entries = {entry for one in every for entry in (*one, *one.shared) if callable(entry)}
+    shared = (control_step.advance, control_step.run)
+    shared += (control_step.advance_unexcited, control_step.run_unexcited)
+    entries = {entry for one in (*every, shared) for entry in one if callable(entry)}
     kernels = set().union(*(closures_of(entry) for entry in entries))
     keys = {key_of(kernel) for kernel in kernels}
     # One of each method and law for each of the two kinds of excitation, and what crosses impulses.
