@@ -197,6 +197,7 @@ def test_command_line_reads_file_then_flags(tmp_path: Path, monkeypatch) -> None
     assert (record["settings"]["lanes"], record["settings"]["ppo"]["epochs"]) == (16, 1)
 
 
+@pytest.mark.usefixtures("untuned")
 def test_validation_charges_the_same_terminal_cost_as_the_report(tmp_path: Path) -> None:
     file = tmp_path / "limited.toml"
     text = (ROOT / "configs" / "scenes" / "carriage_force.toml").read_text()

@@ -53,8 +53,9 @@ def here(trials, _, report):
         report(number, None)
 
 
+@pytest.mark.usefixtures("untuned")
 def test_blocks_of_the_page_do_what_it_says(tmp_path, monkeypatch):
-    # The laws are tuned for a report, which takes longer than all else here.
+    # The laws are tuned for a report too, which takes longer than all else here.
     still = "no-control"
     monkeypatch.setattr(
         "agents.commands.evaluate.baselines", lambda s: ([base_controller(s, still)], {})
