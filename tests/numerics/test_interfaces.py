@@ -121,25 +121,9 @@ def reference(scene: Scene, force: float, times: np.ndarray) -> np.ndarray:
     return solution.y.T
 
 
-def is_quick(springs: dict[str, Any], excitation: list[Any]) -> bool:
-    """Whether `make test` has what is compiled for both: two laws of motion of the four."""
-    return (springs["kind"] == "finite_stretch") is bool(excitation)
-
-
-MOTIONS = [
-    pytest.param(
-        springs,
-        excitation,
-        id=f"{springs['kind']}-{name}",
-        marks=() if is_quick(springs, excitation) else pytest.mark.slow,
-    )
-    for springs in SPRINGS
-    for name, excitation in (("free", []), ("excited", EXCITATION), ("fast", FAST))
-]
-
-
-@pytest.mark.parametrize(("springs", "excitation"), MOTIONS)
+@pytest.mark.parametrize("excitation", [[], EXCITATION, FAST], ids=["free", "excited", "fast"])
 @pytest.mark.parametrize("cubic", [0.0, 2e3])
+@pytest.mark.parametrize("springs", SPRINGS, ids=[s["kind"] for s in SPRINGS])
 @pytest.mark.parametrize("interface", [STRIBECK, BOUC_WEN], ids=["stribeck", "bouc_wen"])
 def test_motion_is_that_of_the_equations(
     interface: dict[str, Any], springs: dict[str, Any], cubic: float, excitation: list[Any]
@@ -239,21 +223,11 @@ def error_over_tolerance(seed: int, kind: str, tolerance: float) -> float | None
     return worst / tolerance
 
 
-def is_quick_seed(seed: int, kind: str) -> bool:
-    scene = random_scene(seed, kind, 1e-3)[0]
-    return is_quick(scene.springs.model_dump(), list(scene.excitation))
+SEEDS = [*range(25), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(25, 250))]
 
 
-RANDOM = [
-    pytest.param(
-        kind, seed, marks=() if seed < 50 and is_quick_seed(seed, kind) else pytest.mark.slow
-    )
-    for kind in ("stribeck", "bouc_wen")
-    for seed in range(250)
-]
-
-
-@pytest.mark.parametrize(("kind", "seed"), RANDOM)
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("kind", ["stribeck", "bouc_wen"])
 def test_random_control_steps_keep_their_tolerance(kind: str, seed: int) -> None:
     for tolerance in (1e-2, 1e-3, 1e-4, 1e-6, 1e-8):
         found = error_over_tolerance(seed, kind, tolerance)
@@ -302,21 +276,17 @@ def test_an_episode_begins_without_memory() -> None:
 
 
 @pytest.mark.parametrize("interface", [STRIBECK, BOUC_WEN], ids=["stribeck", "bouc_wen"])
-@pytest.mark.parametrize(
-    "springs",
-    [*(pytest.param(one, marks=pytest.mark.slow) for one in SPRINGS[:2]), SPRINGS[2]],
-    ids=[s["kind"] for s in SPRINGS],
-)
-def test_energy_balances_and_is_only_lost_in_the_interface(
-    springs: dict[str, Any], interface: dict[str, Any]
-) -> None:
-    scene = scene_of(interface, springs=springs, excitation=EXCITATION, solver={"tolerance": 1e-12})
-    motion = simulate(scene, action=[0.5])
-    work = motion.work
-    grown = motion.energy - motion.energy[0]
-    # The motion's own 1e-12 a step, and the quadrature's, are of the throughput.
-    assert np.abs(grown - work.total).max() <= 1e-10 * work.throughput[-1]
-    assert np.diff(work.dissipated).min() >= -1e-12 * work.throughput[-1]
+def test_energy_balances_and_is_only_lost_in_the_interface(interface: dict[str, Any]) -> None:
+    for springs in SPRINGS:
+        scene = scene_of(
+            interface, springs=springs, excitation=EXCITATION, solver={"tolerance": 1e-12}
+        )
+        motion = simulate(scene, action=[0.5])
+        work = motion.work
+        grown = motion.energy - motion.energy[0]
+        # The motion's own 1e-12 a step, and the quadrature's, are of the throughput.
+        assert np.abs(grown - work.total).max() <= 1e-10 * work.throughput[-1]
+        assert np.diff(work.dissipated).min() >= -1e-12 * work.throughput[-1]
 
 
 def test_hysteresis_dissipates_the_area_of_its_loop() -> None:
@@ -438,6 +408,7 @@ def two_dampers(p, offset, slip, own):  # noqa: ARG001 - as of every interface
     return p[0] * slip + p[1] * slip
 
 
+@pytest.mark.slow
 def test_an_interface_that_only_a_test_knows_is_a_doubled_damper(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -121,26 +121,15 @@ def reference(scene: Scene, held: np.ndarray) -> np.ndarray:
     return np.array(states)
 
 
-MOTIONS = [
-    (SPRINGS[0], 0.0, {}),
-    (SPRINGS[1], 2e3, {}),
-    (SPRINGS[2], 0.0, {"interface.gamma": 4e5, "interface.beta": 1e5}),
-    (SPRINGS[1], 0.0, {"interface.accumulator_offset": 0.143, "interface.beta": -1e6}),
-    (SPRINGS[2], 2e3, {}),
-]
-
-
-def is_alone(springs: dict[str, Any], excitation: list[Any]) -> bool:
-    """Tell whether a law of motion is compiled for this alone."""
-    return springs is SPRINGS[2] and not excitation
-
-
+@pytest.mark.parametrize("excitation", [[], EXCITATION, FAST], ids=["free", "excited", "fast"])
 @pytest.mark.parametrize(
-    ("springs", "cubic", "own", "excitation"),
+    ("springs", "cubic", "own"),
     [
-        pytest.param(*motion, part, marks=pytest.mark.slow if is_alone(motion[0], part) else ())
-        for motion in MOTIONS
-        for part in ([], EXCITATION, FAST)
+        (SPRINGS[0], 0.0, {}),
+        (SPRINGS[1], 2e3, {}),
+        (SPRINGS[2], 0.0, {"interface.gamma": 4e5, "interface.beta": 1e5}),
+        (SPRINGS[1], 0.0, {"interface.accumulator_offset": 0.143, "interface.beta": -1e6}),
+        (SPRINGS[2], 2e3, {}),
     ],
 )
 def test_motion_is_that_of_the_equations(
