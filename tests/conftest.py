@@ -25,11 +25,21 @@ gc.set_threshold(50_000, 20, 20)
 collect_ignore = ["packaging/test_cache_trust.py"] if sys.platform == "win32" else []
 
 LONGEST = {
+    "test_controllers.py",
+    "test_every_command.py",
     "test_force_between_masses.py",
     "test_interfaces.py",
+    "test_kernel_cache.py",
+    "test_magnetorheological.py",
+    "test_metrics.py",
+    "test_published.py",
     "test_random_scenes.py",
+    "test_reactions.py",
     "test_semi_active_damping.py",
+    "test_sensors.py",
     "test_splitting.py",
+    "test_threads.py",
+    "test_training.py",
     "test_training_page.py",
     "test_work_precision.py",
 }

@@ -79,7 +79,7 @@ def measured(folder):
 
 
 class TestKills:
-    @pytest.mark.parametrize("kills_wanted", [3, pytest.param(100, marks=pytest.mark.slow)])
+    @pytest.mark.parametrize("kills_wanted", [2, pytest.param(100, marks=pytest.mark.slow)])
     def test_runs_killed_at_random_instants_end_as_if_uninterrupted(
         self, uninterrupted, tmp_path, kills_wanted
     ):

@@ -251,6 +251,7 @@ def here(work, _, report):
         report(number, None)
 
 
+@pytest.mark.usefixtures("untuned")
 def test_common_scene_reaches_every_algorithm_and_another_one_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "work_here", here)
     file = tmp_path / "own.toml"
