@@ -37,8 +37,10 @@ TRAINING = {
     "ppo.hidden": [8],
 }
 FLAGS = "--name a --lanes 8 --steps 160 --evaluations 2 --ppo.rollout 10 --ppo.batch-size 40"
-SMALL = "--name a --generations 2 --evaluations 1 --candidates 4 --episodes 2 --threads 1"
-FEW = "--name a --iterations 2 --evaluations 1 --episodes 2 --hidden 4"
+SMALL = (
+    "--name a --generations 2 --evaluations 1 --candidates 4 --episodes 2 --threads 1 --law none"
+)
+FEW = "--name a --iterations 2 --evaluations 1 --episodes 2 --hidden 4 --law none"
 COARSE = "--name a --points 5 --stretches 5 --sizes 3 --sweeps 2 --evaluations 1 --threads 1"
 COMMANDS = {
     "train": ["train", "CarriageForce", *FLAGS.split(), "--ppo.hidden", "8"],

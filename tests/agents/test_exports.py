@@ -108,8 +108,9 @@ def test_lqg_is_exported_with_its_stationary_filter(tmp_path):
 
 
 def test_controller_that_is_not_linear_is_refused():
+    scene = load_scene("mm_gym/PreStretchShock-v0").replace(**{"control.steps": 10})
     with pytest.raises(SceneError, match="allowed for an export: the LQG, and controllers that"):
-        controller_policy("clipped-lqr", load_scene("mm_gym/PreStretchShock-v0"))
+        controller_policy("clipped-lqr", scene)
 
 
 class Shifted(Law):

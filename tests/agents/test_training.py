@@ -95,7 +95,7 @@ def test_report_writes_tables_and_figures(
 
 def test_killed_run_continues_from_its_checkpoint(tmp_path: Path) -> None:
     run = Run("killed", tmp_path)
-    settings = changed(steps=64_000, evaluations=8)
+    settings = changed(steps=16_000, evaluations=8)
 
     class Killed(Exception):  # noqa: N818 - not an error
         pass
