@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.report.pages import commit
+from agents.training.runs import commit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

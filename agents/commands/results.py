@@ -1,22 +1,33 @@
 """Train on all tasks and write ``docs/results.md``.
 
 For example ``python -m agents results configs/results.toml``. The file is that of a sweep, see
-``python -m agents sweep``. Finished trainings are not repeated, and ``--no-train`` writes
-the page of what there is. The policy of the median seed of every row is published with it:
-``python -m agents evaluate --published`` scores them again.
+``python -m agents sweep``. Finished trainings are not repeated. What they cost is put into
+``docs/results.json``, from which alone the page is written: ``--no-train`` writes it of what there
+is. The policy of the median seed of every row is published with it: ``python -m agents evaluate
+--published`` scores them again. Variants on rigs that differ are published, and not on the page.
 """
 
+import os
 from pathlib import Path
 
 from agents.commands.sweep import sweep
 from agents.errors import command
 from agents.report import published
 from agents.report.results_figures import draw_results
-from agents.report.results_page import page, with_others
-from agents.sweeps.on_task import on_task, trainings_of
+from agents.report.results_page import page
+from agents.sweeps.results import (
+    NOTHING,
+    cells_of,
+    merged,
+    read_results,
+    save,
+    training_of,
+    with_references,
+)
 from agents.sweeps.trials import SweepSettings, result_file
 from agents.training.runs import Run
 from mm_gym.files import write_text
+from mm_gym.tasks import ids
 
 
 class ResultsSettings(SweepSettings):
@@ -27,10 +38,9 @@ class ResultsSettings(SweepSettings):
     train: bool = True
     """train what is not trained yet"""
     out: str = "docs/results.md"
-    """the page; its figures are written to a folder of its name, and next to it the folder
-    ``policies`` with the policy of the median seed of every row, and the page ``published.md``"""
-    page: bool = True
-    """write the page; without it the policies are published, and the page tells of them alone"""
+    """the page; next to it are the data under its name (.json), its figures in a folder of its
+    name, the folder ``policies`` with the policy of the median seed of every row, and the page
+    ``published.md``"""
 
 
 @command
@@ -41,23 +51,21 @@ def main(settings: ResultsSettings) -> str | None:
 
 
 def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
-    """Write the page and its figures; return what is wrong, or None."""
+    """Write data, page, figures and policies; return what is wrong, or None."""
     folder, out = root / settings.name, Path(settings.out)
+    data, figures = out.with_suffix(".json"), out.with_suffix("")
+    known = read_results(data) if os.path.lexists(data) else NOTHING
     done = [trial for trial in settings.trials() if result_file(Run(trial.name, folder)).exists()]
-    if not done:
-        return f"error: {folder}: no finished training here; leave --no-train out"
-    tasks = {task: [t for t in done if t.task == task] for task in (trial.task for trial in done)}
+    rows = [training_of(trial, folder) for trial in done]
+    if not rows and not known.trainings:
+        return f"error: {folder}: no finished training here, and none in {data}"
+    known = with_references(merged(known, (row for row in rows if row.task in ids())))
+    save(known, data)
     policies, told = out.with_name(published.FOLDER.name), out.with_name(published.PAGE.name)
-    known = [on_task(task, trials, folder) for task, trials in tasks.items() if settings.page]
-    trainings = {one.task: one.trainings for one in known} or {
-        task: trainings_of(trials, folder)[0] for task, trials in tasks.items()
-    }
-    found = published.publish(trainings, folder, policies, with_results=settings.page)
-    write_text(told, published.page(found))
-    print(f"written: {told}, {policies}/")
-    if settings.page:
-        write_text(out, page(known, draw_results(known, out.with_suffix("")), found))
-    elif out.exists():
-        write_text(out, with_others(out.read_text("utf-8"), found))
-    print(f"written: {out}")
+    of_variants = [row for row in rows if row.task not in ids()]
+    found = published.publish(cells_of([*known.trainings, *of_variants]), done, folder, policies)
+    write_text(told, published.page(found, known))
+    write_text(out, page(known, figures.name))
+    draw_results(known, figures, policies)
+    print(f"written: {out}, {data}, {figures}/, {told}, {policies}/")
     return None

@@ -1,11 +1,9 @@
 """Pages in Markdown and HTML: templates of prose, which data fill; files and prints of tables."""
 
 import re
-import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from math import nan
 from pathlib import Path
-from shutil import which
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from rich.console import Console
@@ -59,16 +57,6 @@ WEB = TEMPLATES.overlay(autoescape=True)  # the same for HTML, where a name may 
 def web_page(name: str, **data: object) -> str:
     """Return a page in HTML: the template of a name with data."""
     return WEB.get_template(f"{name}.html.jinja").render(data)
-
-
-def commit() -> str:
-    """Return the commit of this checkout, "-dirty" behind it where files differ from it."""
-    git, root = which("git"), Path(__file__).parents[2]
-    if git is None or not (root / ".git").exists():
-        return "unknown: not a checkout"
-    words = [git, "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - no user's text
-    return done.stdout.strip() or "unknown"
 
 
 def write_rows(path: Path, rows: Iterable[Mapping[str, object]]) -> None:

@@ -1,24 +1,25 @@
 """Published policies: that of the median seed of each row of results, and what it scores."""
 
 import json
-import platform
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, Field, ValidationError
 
+from agents.control.controller import Controller
 from agents.controllers.learned import Learned
 from agents.policies import PolicyError, load_policy
-from agents.report.pages import commit, render
+from agents.report.pages import render
 from agents.scoring import evaluate
-from agents.sweeps.on_task import Trainings
-from agents.sweeps.trials import EPISODES, LEARNERS, Learner
+from agents.sweeps.results import Cell, Results
+from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of
+from agents.training.config import RunSettings
 from agents.training.parts import recorded_parts
 from agents.training.runs import Run
-from mm_gym import SceneError, load_scene
+from mm_gym import Scene, SceneError, load_scene
 from mm_gym.files import read_bytes, read_json, write_bytes, write_text
-from mm_gym.tasks import ids, short_name
+from mm_gym.tasks import ids, robust_ids, short_name
 
 DOCS = Path(__file__).parents[2] / "docs"
 FOLDER = DOCS / "policies"
@@ -53,9 +54,7 @@ class Row(BaseModel, strict=True, allow_inf_nan=False):
     # base, authority: the controller that it is added to, if any, and how much it may change
     base: str | None = None
     authority: float = 0.0
-    # Whether it is of the trainings of the page of results; what scored it
-    with_results: bool
-    scored: str
+    scored: str  # what scored it
 
     @property
     def name(self) -> str:
@@ -75,58 +74,54 @@ class Published(BaseModel, strict=True):
 
 
 def publish(
-    known: Mapping[str, Sequence[Trainings]], runs: Path, folder: Path, *, with_results: bool
+    cells: Iterable[Cell], done: Iterable[RunSettings], runs: Path, folder: Path
 ) -> Published:
     """Write the policy of the median seed of every task and algorithm, and the record of them.
 
-    What was published before stays for a task and an algorithm that have no training here.
+    What was published before stays for a task and an algorithm whose median seed is not here.
 
     Parameters
     ----------
-    known
-        Task -> its trainings; the runs are in a folder, under the names of the results.
-    runs, folder
-        Where the runs are, and where the policies go. Policies of no row there are deleted.
-    with_results
-        Whether the page of results is written of the same trainings.
+    cells
+        The trainings of each task and algorithm.
+    done, runs
+        The trainings that are finished here, and the folder that their runs are in.
+    folder
+        Where the policies go. Policies of no row there are deleted.
     """
     rows: dict[tuple[str, str], Row] = {}
     if (folder / RECORD).exists():
-        for row in read_published(folder).rows:
-            still = row.with_results and not with_results  # a new page is of the trainings here
-            rows[row.task, row.algorithm] = row.model_copy(update={"with_results": still})
-    machine = f"{platform.machine()}, {platform.system()}, Python {platform.python_version()}"
-    scored = f"{machine}, commit {commit()}"
-    for task, of_task in known.items():
-        for trainings in of_task:
-            chosen = trainings.results[trainings.median]
-            run = Run(chosen.name, runs)
-            content, record = read_bytes(run.policy, most=MOST_BYTES), run.read()
-            name = f"{short_name(task)}-{trainings.algorithm}{run.policy.suffix}"
-            fits = len(content) <= LARGEST
-            if fits:
-                write_bytes(folder / name, content)
-            rows[task, trainings.algorithm] = Row(
-                task=task,
-                scene_digest=record["scene_digest"],
-                algorithm=trainings.algorithm,
-                seed=record["settings"]["seed"],
-                seeds=len(trainings.results),
-                cost=chosen.cost,
-                least=float(trainings.costs.min()),
-                most=float(trainings.costs.max()),
-                size=len(content),
-                file=name if fits else None,
-                base=record["settings"].get("base"),
-                authority=record["settings"].get("authority", 0.0),
-                with_results=with_results,
-                scored=scored,
-            )
+        rows = {(row.task, row.algorithm): row for row in read_published(folder).rows}
+    here = {(one.task, algorithm_of(one), one.seed): Run(one.name, runs) for one in done}
+    for cell in cells:
+        run = here.get((cell.task, cell.algorithm, cell.median.seed))
+        if run is None:
+            continue
+        content, settings = read_bytes(run.policy, most=MOST_BYTES), run.read()["settings"]
+        name = f"{short_name(cell.task)}-{cell.algorithm}{run.policy.suffix}"
+        fits = len(content) <= LARGEST
+        if fits:
+            write_bytes(folder / name, content)
+        rows[cell.task, cell.algorithm] = Row(
+            task=cell.task,
+            scene_digest=cell.median.scene_digest,
+            algorithm=cell.median.algorithm,
+            seed=cell.median.seed,
+            seeds=len(cell.trainings),
+            cost=cell.median.cost,
+            least=float(cell.costs.min()),
+            most=float(cell.costs.max()),
+            size=len(content),
+            file=name if fits else None,
+            base=settings.get("base"),
+            authority=settings.get("authority", 0.0),
+            scored=f"{cell.median.machine}, commit {cell.median.commit}",
+        )
     kept = {row.file for row in rows.values()}
     for other in folder.glob("*.*"):
         if other.suffix in {".safetensors", ".npz"} and other.name not in kept:
             other.unlink()
-    tasks = list(dict.fromkeys(task for task, _ in rows))
+    tasks = [*ids(), *robust_ids()]
     places = sorted(rows, key=lambda place: (tasks.index(place[0]), LEARNERS.index(place[1])))
     found = Published(rows=[rows[place] for place in places])
     write_text(folder / RECORD, json.dumps(found.model_dump(), indent=1) + "\n")
@@ -159,27 +154,36 @@ def printed(cost: float) -> str:
     return f"{cost:.4f}"
 
 
+def controller_of(row: Row, scene: Scene, folder: Path = FOLDER) -> Controller:
+    """Return a published policy, which has a file, as the controller of its scene.
+
+    Raise `PolicyError` if it is missing or damaged, or was made for another scene.
+    """
+    file = folder / str(row.file)
+    if scene.digest != row.scene_digest:
+        msg = f"{file}: made for another scene than {row.task} has now"
+        raise PolicyError(msg)
+    acts = {"base": row.base, "authority": row.authority}
+    return recorded_parts(scene, acts, trust=False).controller(load_policy(file))
+
+
 def scored_again(published: Published, folder: Path = FOLDER) -> Iterator[tuple[Row, float]]:
     """Yield every policy that is published with its cost on the held-out episodes today.
 
-    Raise `PolicyError` if a policy is missing or damaged, or its task has another scene now.
+    Raise `PolicyError` as `controller_of`.
     """
     for row in published.rows:
-        if row.file is None:
-            continue
-        scene = load_scene(row.task)
-        if scene.digest != row.scene_digest:
-            msg = f"{folder / row.file}: made for another scene than {row.task} has now"
-            raise PolicyError(msg)
-        acts = {"base": row.base, "authority": row.authority}
-        agent = recorded_parts(scene, acts, trust=False).controller(load_policy(folder / row.file))
-        yield row, evaluate(scene, agent, episodes=EPISODES).cost
+        if row.file is not None:
+            scene = load_scene(row.task)
+            agent = controller_of(row, scene, folder)
+            yield row, evaluate(scene, agent, episodes=EPISODES).cost
 
 
-def page(published: Published) -> str:
+def page(published: Published, results: Results) -> str:
     """Return the page of the published policies, ``docs/published.md``."""
     found, tasks = published.rows, ids()
     own = [row for row in found if row.task in tasks]  # the others are of variants
+    of_page = {(one.task, one.algorithm) for one in results.trainings}
     rows = [
         [
             short_name(row.task),
@@ -199,8 +203,7 @@ def page(published: Published) -> str:
         largest=LARGEST // 1000,
         episodes=EPISODES,
         scored=list(dict.fromkeys(row.scored for row in found)),
-        others=[row.name for row in own if not row.with_results],
-        own=len(own),
+        earlier=[row.name for row in own if (row.task, row.algorithm) not in of_page],
         missing=_missing(own),
         left_out=any(row.file is None for row in found),
     )

@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.evaluation.aggregates import performance_profile
-from agents.evaluation.studies import NOMINAL
-from agents.report.figures import logarithmic, study_label
-from agents.scoring import Evaluation
-from agents.sweeps.on_task import STUDIES, OnTask, algorithms_of
-from mm_gym.arrays import Array
+from agents.evaluation.plans import Effort, Planner
+from agents.report.figures import logarithmic
+from agents.report.published import controller_of, read_published
+from agents.report.results_page import FIGURES
+from agents.scoring import Evaluation, evaluate
+from agents.sweeps.results import OnTask, Results, on_tasks, reference_controller
+from agents.sweeps.trials import LEARNERS
+from mm_gym import load_scene
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
@@ -26,20 +29,45 @@ WINDOW = 60  # control steps of an episode that are shown
 MOST, MARGIN = 2.0, 1.01
 """Most cost on a learning curve, over the reference's; and its least, below all costs."""
 
-BEST = "best on each task"  # label of the line that has the best algorithm's trainings of each task
+BEST = "best agent of each task"  # label of the line that has its trainings
 
-LAW = {"color": "0.4", "linestyle": (0, (6, 2, 1, 2, 1, 2)), "label": "reference controller"}
-"""How the reference controller's line looks."""
+LAW = {"color": "0.4", "linestyle": (0, (6, 2, 1, 2, 1, 2)), "label": "best controller"}
+"""How the best controller's line looks."""
+
+EFFORT = Effort(random=1, kept=1, first=5, second=12, rounds=0, searches=0, last=8)
+"""Of the plan of the episode that is shown."""
 
 
-def draw_results(known: Sequence[OnTask], folder: Path) -> list[Path]:
-    """Draw all figures into a folder, which is made if need be; return their paths."""
+def draw_results(results: Results, folder: Path, policies: Path) -> None:
+    """Draw all figures into a folder, which is made if need be.
+
+    The episodes are those of the best agents whose policies are published in a folder.
+    """
+    known = on_tasks(results)
     folder.mkdir(parents=True, exist_ok=True)
-    found = [folder / f"{name}.png" for name in ("curves", "profile", "robustness", "episodes")]
+    curves, profile, episodes = (folder / f"{name}.png" for name in FIGURES)
     with style():
-        for draw, path in zip((_curves, _profile, _robustness, _episodes), found, strict=True):
-            draw(known, path)
-    return found
+        _curves(known, curves)
+        _profile(known, profile)
+        shown = {one.name: _examples(one, policies) for one in known}
+        if any(shown.values()):
+            with_strips({name: own for name, own in shown.items() if own}, episodes)
+
+
+def _examples(one: OnTask, policies: Path) -> list[Evaluation]:
+    """Return the first held-out episode by the best controller, the agent and the planner."""
+    best = one.best.task, one.best.algorithm
+    found = [row for row in read_published(policies).rows if (row.task, row.algorithm) == best]
+    scene = load_scene(one.task)
+    if scene.actuation.stretch is None or not found or found[0].file is None:
+        return []
+    controllers = (
+        reference_controller(scene, one.reference.controller),
+        controller_of(found[0], scene, policies),
+    )
+    done = [evaluate(scene, controller, episodes=2) for controller in controllers]
+    starts = {result.name: result.applied for result in done}
+    return [*done, evaluate(scene, Planner(scene, starts, EFFORT), episodes=2)]
 
 
 def _curves(known: Sequence[OnTask], path: Path) -> None:
@@ -49,15 +77,15 @@ def _curves(known: Sequence[OnTask], path: Path) -> None:
     for panel in axes[len(known) :]:
         panel.set_visible(False)
     for one, panel in zip(known, axes, strict=False):
-        panel.axhline(one.law_validation, **LAW)
-        for trainings in one.trainings:
-            seconds, (least, median, most) = trainings.middle_curve()
-            look = _look(known, trainings.algorithm)
+        panel.axhline(one.reference.validation, **LAW)
+        for cell in one.cells:
+            seconds, (least, median, most) = cell.middle_curve()
+            look = _look(known, cell.algorithm)
             panel.fill_between(seconds, least, most, color=look["color"], alpha=0.2, linewidth=0)
             panel.plot(seconds, median, **look)
         panel.set(title=one.name, ylabel="cost [-]")
-        low = min(curve.costs.min() for of in one.trainings for curve in of.curves)
-        panel.set_ylim(low / MARGIN, min(panel.get_ylim()[1], MOST * one.law_validation))
+        low = min(min(seed.validation) for cell in one.cells for seed in cell.trainings)
+        panel.set_ylim(low / MARGIN, min(panel.get_ylim()[1], MOST * one.reference.validation))
         logarithmic(panel)
         logarithmic(panel, "x")
     for panel in axes[max(len(known) - 2, 0) : len(known)]:
@@ -72,22 +100,32 @@ def _entries(panel: Axes) -> int:
 
 
 def _look(known: Sequence[OnTask], algorithm: str) -> dict[str, Any]:
-    """Return how the line of an algorithm or of the reference looks, the same on all figures."""
+    """Return how the line of an algorithm or of the controller looks, the same on all figures."""
     if algorithm == LAW["label"]:
         return LAW
-    number = [*algorithms_of(known), BEST].index(algorithm)
+    number = [*_algorithms(known), BEST].index(algorithm)
     style = STYLES[number % len(STYLES)]
     return {"color": COLOURS[number], "linestyle": style, "label": algorithm}
+
+
+def _algorithms(known: Sequence[OnTask]) -> list[str]:
+    return sorted({cell.algorithm for one in known for cell in one.cells}, key=LEARNERS.index)
 
 
 def _profile(known: Sequence[OnTask], path: Path) -> None:
     """Draw which fraction of all trainings and tasks has more than a score."""
     figure, (panel,) = panels(2.6, 1, 1)
-    everywhere = [name for name in algorithms_of(known) if all(_has(one, name) for one in known)]
-    rows = {name: [one.scores(_costs(one, name)) for one in known] for name in everywhere}
-    rows[BEST] = [one.scores(one.best.costs) for one in known]
-    rows[LAW["label"]] = [one.scores(np.array([one.law.cost])) for one in known]
-    for name, scores in rows.items():
+    of_tasks = [{cell.algorithm: cell for cell in one.cells} for one in known]
+    shown = {
+        name: [of_task[name] for of_task in of_tasks]
+        for name in _algorithms(known)
+        if all(name in of_task for of_task in of_tasks)
+    }
+    shown[BEST] = [one.best for one in known]
+    costs = {name: [cell.costs for cell in cells] for name, cells in shown.items()}
+    costs[LAW["label"]] = [np.array([one.reference.cost]) for one in known]
+    for name, rows in costs.items():
+        scores = [one.scores(own) for one, own in zip(known, rows, strict=True)]
         parts = np.mean([performance_profile(own[None], THRESHOLDS) for own in scores], axis=0)
         panel.plot(THRESHOLDS, parts, **_look(known, name))
     panel.set(
@@ -95,60 +133,16 @@ def _profile(known: Sequence[OnTask], path: Path) -> None:
         ylabel="fraction of trainings above s",
     )
     panel.set_ylim(-0.02, 1.02)
-    legend_below(figure, panel, len(rows))
+    legend_below(figure, panel, len(costs))
     save(figure, path)
-
-
-def _has(one: OnTask, name: str) -> bool:
-    return any(of.algorithm == name for of in one.trainings)
-
-
-def _costs(one: OnTask, name: str) -> Array:
-    return next(of.costs for of in one.trainings if of.algorithm == name)
-
-
-def _robustness(known: Sequence[OnTask], path: Path) -> None:
-    """Draw costs on changed scenes, a row a task and a column for what is changed."""
-    figure, axes = panels(1.15 * len(known) + 0.5, len(known), len(STUDIES))
-    for row, one in enumerate(known):
-        own = axes[row * len(STUDIES) : (row + 1) * len(STUDIES)]
-        for panel, study in zip(own, STUDIES, strict=True):
-            _study(panel, one, study, known)
-        own[0].set_title(one.name, loc="left")
-    for panel, study in zip(axes[-len(STUDIES) :], STUDIES, strict=True):
-        panel.set_xlabel(study_label(study))
-    for panel in axes[:: len(STUDIES)]:
-        panel.set_ylabel("cost [-]")
-    legend_below(figure, max(axes, key=_entries), len(STYLES) + 1)
-    save(figure, path)
-
-
-def _study(panel: Axes, one: OnTask, study: str, known: Sequence[OnTask]) -> None:
-    for label in dict.fromkeys(outcome.label for outcome in one.outcomes):
-        own = [outcome for outcome in one.outcomes if outcome.label == label]
-        points = [(outcome.level, outcome.cost) for outcome in own if outcome.study == study]
-        designed = STUDIES[study]
-        if designed is not None:
-            cost = next(outcome.cost for outcome in own if outcome.study == NOMINAL)
-            points.append((designed, cost))
-        panel.plot(*np.array(sorted(points)).T, marker=".", **_look(known, label))
-    panel.margins(x=0.05)
-    logarithmic(panel)
-
-
-def _episodes(known: Sequence[OnTask], path: Path) -> None:
-    """Draw displacement and stretch around the largest displacement, a column a task."""
-    shown = {one.name: one.examples for one in known if one.examples}
-    if shown:
-        with_strips(shown, path)
 
 
 def with_strips(shown: Mapping[str, Sequence[Evaluation]], path: Path) -> None:
     """Draw the displacements of an episode in one panel, and each stretch in a strip of its own.
 
-    Each task has the episode under the reference controller, the best agent and the plan.
+    Each task has the episode under the best controller, the best agent and the plan.
     """
-    labels = ("reference controller", "best agent", "plan")
+    labels = ("best controller", "best agent", "plan")
     figure, axes = panels(
         4.4, 1 + len(labels), len(shown), sharex="col", heights=(2.2, *(1.0 for _ in labels))
     )

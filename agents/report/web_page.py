@@ -15,9 +15,9 @@ from agents.evaluation.contestants import Episodes, Field
 from agents.evaluation.measure import Studies, TaskResult
 from agents.evaluation.studies import DELAY, NOISE, NOMINAL, Motions
 from agents.report.comparison import against, episodes_in_words, paired_cells
-from agents.report.pages import FOLDER, commit, not_scored_cells, web_page
+from agents.report.pages import FOLDER, not_scored_cells, web_page
 from agents.scoring import FREQUENCY, spread_frequency
-from agents.training.runs import Run, by_dotted_name, versions
+from agents.training.runs import Run, by_dotted_name, commit, versions
 from mm_gym import Scene
 from mm_gym.arrays import Array
 from mm_gym.drawing import ACTUATORS, COLOURS

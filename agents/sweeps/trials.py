@@ -76,6 +76,15 @@ Address = Annotated[
 ]
 
 
+class Score(BaseModel, strict=True, allow_inf_nan=False):
+    """What ``result.json`` holds: costs on the held-out episodes [-]."""
+
+    cost: float
+    episodes: list[float]  # of each
+    # The mean over them of the energy that changing the stretch put in [J], if it is actuated.
+    injected: float | None
+
+
 class SweepSettings(Document):
     """The trainings of a sweep: every task with every algorithm, variant and seed."""
 
@@ -253,12 +262,11 @@ def do_trial(text: str, folder: str | Path) -> None:
     settings = _kind(_algorithm(data["name"])).of(data)
     run = Run(settings.name, folder)
     if not result_file(run).exists():
-        cost = _cost_of_training(settings, run)
-        write_text(result_file(run), json.dumps({"cost": cost}) + "\n")
+        write_text(result_file(run), _scored_training(settings, run).model_dump_json() + "\n")
 
 
-def _cost_of_training(settings: RunSettings, run: Run) -> float:
-    """Train, and return the cost on the held-out episodes of what the run stands for."""
+def _scored_training(settings: RunSettings, run: Run) -> Score:
+    """Train, and return what the run stands for scores on the held-out episodes."""
     if isinstance(settings, TrainSettings):
         from agents.training.reinforcement import train  # noqa: PLC0415 - torch, of workers alone
 
@@ -267,7 +275,12 @@ def _cost_of_training(settings: RunSettings, run: Run) -> float:
         _, search = SEARCHES[algorithm_of(settings)]
         search(settings, run, bar=False)
     parts = recorded_parts(settings.load_scene(), run.read()["settings"], trust=True)
-    return evaluate(parts.scene, agent_of(run, parts), episodes=EPISODES).cost
+    found = evaluate(parts.scene, agent_of(run, parts), episodes=EPISODES)
+    return Score(
+        cost=found.cost,
+        episodes=found.episode_costs.tolist(),
+        injected=None if found.injected is None else float(found.injected.mean()),
+    )
 
 
 def variant_of(trial: RunSettings) -> str:
@@ -285,20 +298,14 @@ def _algorithm(name: str) -> str:
     return name.split("-")[1]
 
 
-class Score(BaseModel, strict=True, allow_inf_nan=False):
-    """What ``result.json`` holds."""
-
-    cost: float
-
-
 def result_file(run: Run) -> Path:
     """Return the path of the file with a training's score."""
     return run.folder / "result.json"
 
 
-def read_cost(run: Run) -> float:
-    """Return a training's score [-]; raise `RunError` if its file has none."""
-    return read_as(Score, result_file(run), "a training's score").cost
+def read_score(run: Run) -> Score:
+    """Return a training's score; raise `RunError` if its file has none."""
+    return read_as(Score, result_file(run), "a training's score")
 
 
 def write_results(trials: Iterable[RunSettings], folder: Path) -> Path:
@@ -313,7 +320,7 @@ def write_results(trials: Iterable[RunSettings], folder: Path) -> Path:
     for trial in done:
         run = Run(trial.name, folder)
         steps, costs, _ = run.validations()
-        cost = read_cost(run)
+        cost = read_score(run).cost
         rows.append(
             (
                 *(short_name(trial.task), algorithm_of(trial), variant_of(trial), trial.seed),

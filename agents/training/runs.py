@@ -5,11 +5,13 @@ import json
 import os
 import platform
 import reprlib
+import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from shutil import which
 from typing import Annotated, Any, TypeVar, cast
 
 from filelock import lock_descriptor
@@ -239,6 +241,7 @@ class Run:
                 json.loads(settings.load_scene().model_dump_json()), self.folder
             ),
             "versions": versions(),
+            "commit": commit(),
             "python": platform.python_version(),
             "machine": platform.machine(),
             "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -329,6 +332,16 @@ def versions() -> dict[str, str]:
         with suppress(PackageNotFoundError):
             found[name] = version(name)
     return found
+
+
+def commit() -> str:
+    """Return the commit of this checkout, "-dirty" behind it where files differ from it."""
+    git, root = which("git"), Path(__file__).parents[2]
+    if git is None or not (root / ".git").exists():
+        return "unknown: not a checkout"
+    words = [git, "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - no user's text
+    return done.stdout.strip() or "unknown"
 
 
 def by_dotted_name(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:

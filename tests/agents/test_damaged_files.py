@@ -26,7 +26,9 @@ from agents.commands import evaluate, export, ranking, task_page
 from agents.commands.headroom import _kept_plans
 from agents.evaluation.scores import SCORES, read_scores
 from agents.policies import PolicyError, load_policy, network
-from agents.sweeps.trials import read_cost
+from agents.sweeps.results import FILE as RESULTS
+from agents.sweeps.results import read_results
+from agents.sweeps.trials import read_score
 from agents.training.arrays import save_checkpoint
 from agents.training.config import RunSettings, TrainSettings, read_settings
 from agents.training.ending import Ending, read_ending
@@ -202,8 +204,13 @@ READERS = {
     ),
     "score": Reader(
         "result.json",
-        lambda path: path.write_text('{"cost": 0.25}\n'),
-        lambda path: read_cost(run_of(path)),
+        lambda path: path.write_text('{"cost": 0.25, "episodes": [0.25], "injected": null}\n'),
+        lambda path: read_score(run_of(path)).cost,
+    ),
+    "results": Reader(
+        "results.json",
+        lambda path: path.write_bytes(RESULTS.read_bytes()),
+        lambda path: len(read_results(path).trainings),
     ),
     "end of a run": Reader("end.json", write_end, lambda path: read_ending(run_of(path))),
     "scores of tasks": Reader(
@@ -340,6 +347,7 @@ WHOLE = {
     *((name, "without its last byte") for name in ("scene", "settings", "record in columns")),
     *((name, "without its last byte") for name in ("record of PEER", "run", "scene of a run")),
     *((name, "without its last byte") for name in ("validations", "score", "scores of tasks")),
+    ("results", "without its last byte"),
     *(("end of a run", kind) for kind in ("missing", "without its last byte")),  # of an earlier run
 }
 """What is left whole, or is only read as text: then the reader returns something."""

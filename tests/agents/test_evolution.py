@@ -17,7 +17,7 @@ from agents.evolution.network_kernel import forward
 from agents.evolution.search import LANES, Evolution, EvolveSettings, Population, Trial, evolve
 from agents.policies import load_policy
 from agents.scoring import VALIDATION_SEED, evaluate, validation_cost
-from agents.sweeps.on_task import trainings_of
+from agents.sweeps.trials import do_trial, read_score
 from agents.training.ending import read_ending
 from agents.training.network import Network
 from agents.training.parts import agent_of, base_controller, make_parts, recorded_parts
@@ -320,11 +320,10 @@ class TestBases:
         settings = changed(base="lqr", generations=1, name="CarriageForce-evolved_residual-plain-0")
         run = Run(settings.name, tmp_path)
         evolve(settings, run)
-        (trainings,), _ = trainings_of([settings], tmp_path)
+        do_trial(settings.model_dump_json(), tmp_path)
         agent = agent_of(run, make_parts(settings))
-        assert trainings.algorithm == "evolved_residual"
         want = evaluate(settings.load_scene(), agent, episodes=100)
-        np.testing.assert_array_equal(trainings.results[0].penalties, want.penalties)
+        np.testing.assert_array_equal(read_score(run).episodes, want.episode_costs)
 
     def test_sizes_of_an_own_scene_are_those_under_the_base(self):
         scene = scene_of("CarriageForce")

@@ -20,12 +20,11 @@ from agents.report.published import (
     read_published,
     scored_again,
 )
-from agents.report.results_page import with_others
+from agents.sweeps.results import read_results
 from mm_gym import SceneError
 from mm_gym.tasks import robust_ids
 
-RESULTS = PAGE.with_name("results.md")
-RECORDED = read_published()
+RECORDED, RESULTS = read_published(), read_results()
 
 
 def few(rows):
@@ -59,43 +58,29 @@ def change(folder, **fields):
 
 
 def test_page_is_made_of_the_record():
-    assert PAGE.read_text(encoding="utf-8") == page(RECORDED)
-
-
-def test_page_of_results_has_what_was_trained_apart():
-    text = RESULTS.read_text(encoding="utf-8")
-    assert with_others(text, RECORDED) == text
-
-
-def test_cost_outside_the_range_of_the_page_of_results_is_named():
-    text, row = RESULTS.read_text(encoding="utf-8"), RECORDED.rows[0]
-    for cost, named in ((row.cost, False), (0.5, True)):
-        changed = row.model_copy(update={"cost": cost, "with_results": False})
-        found = with_others(text, RECORDED.model_copy(update={"rows": [changed]}))
-        assert (f"- {row.name}: {printed(cost)}; the table above has 0." in found) is named
-
-
-def test_page_of_results_leaves_out_variants_on_rigs_that_differ():
-    text, row = RESULTS.read_text(encoding="utf-8"), RECORDED.rows[0]
-    variant = row.model_copy(update={"task": robust_ids()[0], "with_results": False})
-    found = RECORDED.model_copy(update={"rows": [*RECORDED.rows, variant]})
-    assert with_others(text, found) == text
+    assert PAGE.read_text(encoding="utf-8") == page(RECORDED, RESULTS)
 
 
 def test_what_has_no_training_here_stays_published(folder):
-    change(folder, with_results=True)
     before, first = read_published(folder), RECORDED.rows[0]
-    assert publish({}, folder, folder, with_results=False) == before == read_published(folder)
-    (row,) = publish({}, folder, folder, with_results=True).rows
-    assert row == first.model_copy(update={"with_results": False})
+    assert publish([], [], folder, folder) == before == read_published(folder)
     assert (folder / first.file).read_bytes() == (FOLDER / first.file).read_bytes()
+
+
+def test_page_names_what_is_of_earlier_code():
+    own = [row for row in RECORDED.rows if row.task not in robust_ids()]
+    found = page(RECORDED, RESULTS.model_copy(update={"trainings": []}))
+    told = "; ".join(row.name for row in own)
+    assert (
+        f"except these of\n[earlier code](results.md#trainings-of-earlier-code): {told}." in found
+    )
 
 
 def test_page_names_what_is_not_published():
     one, *_, other = (row for row in RECORDED.rows if row.task not in robust_ids())
     assert one.task != other.task
     assert one.algorithm != other.algorithm
-    found = page(RECORDED.model_copy(update={"rows": [one, other]}))
+    found = page(RECORDED.model_copy(update={"rows": [one, other]}), RESULTS)
     for row, lacking in ((one, other), (other, one)):
         assert f"- {row.algorithm}: {lacking.name.partition(',')[0]}.\n" in found
 

@@ -10,22 +10,27 @@ from agents.commands import results as command
 from agents.control.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.evaluation.aggregates import proportion
-from agents.evolution.search import EvolveSettings
+from agents.evaluation.headroom import CLASSICAL
+from agents.evaluation.scores import read_scores
 from agents.report.published import page as published_page
 from agents.report.published import read_published, scored_again
-from agents.scoring import Evaluation
-from agents.sweeps.on_task import (
-    Curve,
-    Trainings,
+from agents.report.results_page import page
+from agents.sweeps.results import (
+    FILE,
+    Cell,
+    Earlier,
+    Reference,
+    Training,
     best_of,
-    episodes_won,
-    improvement,
-    middle_cost,
-    slopes,
+    cells_of,
+    merged,
+    read_results,
+    save,
 )
-from agents.training.network import Network
-from agents.training.starts import start_of
-from mm_gym import load_scene
+from mm_gym import SceneError, load_scene
+
+COMMITTED = read_results()
+TASK = "mm_gym/CarriageForce-v0"
 
 SWEEP = """
 name = "small"
@@ -41,14 +46,34 @@ seeds = 2
 """
 
 
-def evaluation(penalties):
-    penalties, none = np.asarray(penalties, float), np.empty(0)
-    return Evaluation("law", "observation", penalties, none, None, none, none, none, None)
+def training(penalties, seed=0, **fields):
+    """Return a training of these penalties, whose validation cost is that of its episodes."""
+    episodes = np.sqrt(np.broadcast_to(penalties, 100)).tolist()
+    values = {
+        "task": TASK,
+        "scene_digest": load_scene(TASK).digest,
+        "injected": None,
+        "episodes": episodes,
+        "algorithm": "evolution",
+        "seed": seed,
+        "settings": "as they are",
+        "commit": "none",
+        "machine": "any",
+        "cost": float(np.sqrt(np.mean(np.square(episodes)))),
+        "steps": 1,
+        "validation": [float(np.sqrt(np.mean(np.square(episodes))))],
+        "seconds": [1.0],
+    }
+    return Training(**values | fields)
 
 
-def trainings(penalties):
-    curve = Curve(np.array([1.0]), np.array([1.0]), np.array([1.0]))
-    return Trainings("evolution", [evaluation(own) for own in penalties], [curve] * len(penalties))
+def cell(rows, **fields):
+    return Cell(TASK, "evolution", [training(own, k, **fields) for k, own in enumerate(rows)])
+
+
+def controller(penalties):
+    own = training(penalties).model_dump(include={"task", "scene_digest", "injected", "episodes"})
+    return Reference(**own, controller="law", validation=1.0)
 
 
 class TestStatistics:
@@ -57,47 +82,157 @@ class TestStatistics:
 
     def test_interquartile_mean_is_of_the_middle_half_of_the_seeds(self):
         factors = np.array([0.5, 0.9, 1.0, 1.0, 1.0, 1.1, 1.2, 9.0])
-        found = middle_cost(trainings(factors[:, None] * self.episodes))
+        found = cell(factors[:, None] * self.episodes).cost()
         want = np.sqrt(factors[2:6] * self.episodes.mean()).mean()
         assert found.value == pytest.approx(want, rel=1e-12)
         assert found.low < found.value < found.high
 
+    def test_ratio_is_of_differences_in_the_same_episodes(self):
+        own = cell(np.array([0.97, 0.98, 0.99])[:, None] * self.episodes)
+        ratio, cost = own.cost(controller(self.episodes)), own.cost()
+        assert ratio.value == pytest.approx(cost.value / np.sqrt(self.episodes.mean()), rel=1e-12)
+        # What makes an episode expensive for both is in the cost's interval alone.
+        assert ratio.high / ratio.value < cost.high / cost.value
+
     def test_improvement_is_the_fraction_of_the_trainings_that_cost_less(self):
         # Three of four are better, by far more than episodes differ.
-        own = trainings(np.array([0.1, 0.2, 0.3, 7.0])[:, None] * self.episodes)
-        found = improvement(own, evaluation(self.episodes))
-        assert found == proportion(3, 4)
-        assert episodes_won(own, evaluation(self.episodes)) == 0.75
+        own = cell(np.array([0.1, 0.2, 0.3, 7.0])[:, None] * self.episodes)
+        assert own.improvement(controller(self.episodes)) == proportion(3, 4)
+        assert own.episodes_won(controller(self.episodes)) == 0.75
 
     def test_one_seed_that_costs_less_says_little_of_others(self):
-        assert improvement(trainings([0.5 * self.episodes]), evaluation(self.episodes)).low < 0.1
+        own = cell([0.5 * self.episodes])
+        assert own.improvement(controller(self.episodes)).low < 0.1
+        assert np.isnan(own.cost(controller(self.episodes)).high)
 
     @pytest.mark.parametrize(("factors", "want"), [([3, 1, 2], 2), ([4, 1, 3, 2], 3), ([1], 0)])
     def test_middle_training_is_the_median_or_the_better_of_two(self, factors, want):
-        assert trainings(np.array(factors)[:, None] * self.episodes).median == want
-
-    def test_slopes_of_a_regulator_are_its_gain(self):
-        scene, rng = load_scene("mm_gym/CarriageForce-v0"), np.random.default_rng(0)
-        start = start_of(scene, EvolveSettings(), rng)
-        network = Network(start, 3, odd=True)
-        found = slopes(network.policy(network.first(rng)), 0.01)
-        # Weights are of single precision.
-        np.testing.assert_allclose(found, start.direct[0, 1:], rtol=1e-5, atol=1e-6)
+        assert cell(np.array(factors)[:, None] * self.episodes).median.seed == want
 
     def test_curve_is_the_least_cost_so_far_up_to_the_shortest_seed(self):
-        steps = np.arange(3.0)
-        curves = [
-            Curve(steps, np.array([3.0, 1.0, 2.0]), 1.0 + steps),
-            Curve(steps[:2], np.array([5.0, 4.0]), 3.0 + steps[:2]),
-        ]
-        seconds, costs = Trainings("ppo", [], curves).middle_curve()
+        first = training(1.0, validation=[3.0, 1.0, 2.0], seconds=[1.0, 2.0, 3.0])
+        other = training(1.0, 1, validation=[5.0, 4.0], seconds=[3.0, 4.0])
+        seconds, costs = Cell(TASK, "ppo", [first, other]).middle_curve()
         np.testing.assert_array_equal(seconds, [2.0, 3.0])
         np.testing.assert_array_equal(costs, [[3.0, 1.0], [4.0, 2.5], [5.0, 4.0]])
 
-    def test_best_algorithm_is_that_of_the_least_interquartile_mean(self):
-        steady = trainings(np.full((4, 1), 0.9) * self.episodes)
-        lucky = trainings(np.array([[0.1], [1.0], [1.1], [1.2]]) * self.episodes)
-        assert best_of([lucky, steady]) is steady
+    def test_best_algorithm_is_that_of_the_validation_episodes_among_those_of_most_seeds(self):
+        steady = cell(np.full((4, 1), 0.9) * self.episodes)
+        lucky = cell(np.array([[0.1], [1.0], [1.1], [1.2]]) * self.episodes)
+        few = cell([0.01 * self.episodes])
+        held_out = cell(np.full((4, 1), 0.5) * self.episodes, validation=[2.0])
+        assert best_of([lucky, few, held_out, steady]) is steady
+
+
+class TestFile:
+    old = Earlier(task=TASK, algorithm="ppo", seeds=3, cost=0.5, least=0.4, most=0.6)
+
+    def test_page_is_made_of_the_file(self):
+        assert FILE.with_suffix(".md").read_text("utf-8") == page(COMMITTED, "results")
+
+    def test_file_is_written_as_it_is_read(self, tmp_path):
+        save(COMMITTED, tmp_path / "results.json")
+        assert (tmp_path / "results.json").read_bytes() == FILE.read_bytes()
+
+    def test_controller_is_the_best_of_the_scores(self):
+        assert {one.task for one in COMMITTED.controllers} == {
+            one.task for one in COMMITTED.trainings
+        }
+        for one in COMMITTED.controllers:
+            rows = [r for r in read_scores()[one.task]["rows"] if r["role"] in CLASSICAL]
+            row = min(rows, key=lambda row: row["cost"])
+            # Costs of episodes are rounded to five digits.
+            assert one.controller == row["controller"]
+            assert one.cost == pytest.approx(row["cost"], rel=1e-5)
+
+    def test_published_is_the_median_of_the_seeds(self):
+        published = {(row.task, row.algorithm): row for row in read_published().rows}
+        for own in cells_of(COMMITTED.trainings):
+            row = published[own.task, own.algorithm]
+            assert (row.seed, row.seeds) == (own.median.seed, len(own.trainings))
+            assert row.cost == own.median.cost
+            for one in own.trainings:  # whose episodes are rounded to five digits
+                assert one.cost == pytest.approx(np.sqrt(one.penalties.mean()), rel=1e-5)
+
+    def test_training_that_is_done_again_replaces_its_row(self):
+        first = [training(1.0, seed) for seed in (1, 0)]
+        found = merged(
+            merged(COMMITTED.model_copy(update={"trainings": []}), first), [training(4.0, 1)]
+        )
+        assert [(one.seed, one.cost) for one in found.trainings] == [(0, 1.0), (1, 2.0)]
+
+    @pytest.mark.parametrize("fields", [{"settings": "others"}, {"scene_digest": "another"}])
+    def test_trainings_of_other_settings_or_another_scene_go(self, fields):
+        before = COMMITTED.model_copy(
+            update={"trainings": [training(1.0, 0), training(1.0, 0, algorithm="ppo")]}
+        )
+        found = merged(before, [training(1.0, 1, **fields)]).trainings
+        assert [(one.algorithm, one.seed) for one in found] == [("evolution", 1), ("ppo", 0)]
+
+    def test_trainings_of_earlier_code_are_marked_until_they_are_replaced(self):
+        before = COMMITTED.model_copy(update={"earlier": [self.old]})
+        before = merged(before.model_copy(update={"trainings": []}), [])
+        told = "| CarriageForce | ppo | 3 | 0.5000 | 0.4000 to 0.6000 |"
+        text = page(before.model_copy(update={"controllers": []}), "results")
+        assert told in text
+        assert "| ppo | 0.5000 (3) |" in text
+        assert "On CarriageForce no training has kept its episodes" in text
+        (reference,) = (one for one in COMMITTED.controllers if one.task == TASK)
+        after = merged(before, [training(0.25, algorithm="ppo")])
+        text = page(after.model_copy(update={"controllers": [reference]}), "results")
+        assert told not in text
+        assert "| ppo | 0.5000 |" in text
+        assert "earlier code" not in text
+
+    @pytest.mark.parametrize(
+        ("costs", "words"),
+        [
+            (np.full(3, 0.5), "On 1 of 1 tasks {}:\non CarriageForce by more than the 95 %"),
+            (np.array([0.2, 0.8, 1.7]), "On 1 of 1 tasks {}:\non CarriageForce by less than the"),
+            ([0.5], "On 1 of 1 tasks {}:\non CarriageForce with one seed, which has no interval."),
+            (np.full(3, 2.0), "On 0 of 1 tasks {}.\nOn CarriageForce it costs no less."),
+        ],
+    )
+    def test_first_paragraph_follows_from_the_costs(self, costs, words):
+        (reference,) = (one for one in COMMITTED.controllers if one.task == TASK)
+        rows = [training(f**2 * reference.penalties, k) for k, f in enumerate(costs)]
+        update = {"trainings": rows, "earlier": [], "controllers": [reference]}
+        text = page(COMMITTED.model_copy(update=update), "results")
+        told = "the best agent costs less than the best controller, predictive control\nincluded"
+        assert words.format(told) in text.split("-->")[1].split("\n\n    python")[0]
+
+    @pytest.mark.parametrize(
+        ("change", "words"),
+        [
+            (
+                {"episodes": [0.5]},
+                r"trainings\.0\.episodes: got \[0\.5\]; List should have at least",
+            ),
+            (
+                {"algorithm": "magic"},
+                r"trainings\.0\.algorithm: got 'magic'; Input should be 'evol",
+            ),
+            ({"seconds": []}, r"trainings\.0: got .*seconds: got 0; allowed: 1"),
+            ({"mood": 1}, r"trainings\.0\.mood: got 1; Extra inputs"),
+        ],
+    )
+    def test_damaged_file_is_named(self, tmp_path, change, words):
+        data = COMMITTED.model_dump() | {"trainings": [training(1.0).model_dump() | change]}
+        (tmp_path / "results.json").write_text(json.dumps(data))
+        with pytest.raises(SceneError, match=rf"results\.json: not a file of results: {words}"):
+            read_results(tmp_path / "results.json")
+
+    def test_foreign_file_is_named(self, tmp_path):
+        (tmp_path / "results.json").write_text('{"rows": []}')
+        with pytest.raises(SceneError, match="not a file of results: controllers: Field required"):
+            read_results(tmp_path / "results.json")
+
+
+def lqr(scene, name):
+    """Return what stands for the best controller: to design that takes longer."""
+    found = Feedback(scene, LQR(scene))
+    found.name = name
+    return found
 
 
 class TestCommand:
@@ -105,8 +240,7 @@ class TestCommand:
     def call(self, tmp_path, monkeypatch):
         (tmp_path / "small.toml").write_text(SWEEP)
         monkeypatch.chdir(tmp_path)
-        law = lambda scene: [Feedback(scene, LQR(scene))]  # noqa: E731 - tuning takes longer
-        monkeypatch.setattr("agents.sweeps.on_task.classical_laws", law)
+        monkeypatch.setattr("agents.sweeps.results.reference_controller", lqr)
 
         def call(*flags):
             monkeypatch.setattr(sys, "argv", ["results", "small.toml", "--out", "page.md", *flags])
@@ -123,21 +257,22 @@ class TestCommand:
         rows = [[cell.strip() for cell in line.split("|")] for line in text.splitlines()]
         cost = next(cells for cells in rows if cells[1:2] == ["evolution"] and "[" in cells[2])
         assert cost[2].startswith(f"{np.mean(costs):.4f} [")
-        details = next(cells for cells in rows if cells[1:2] == ["CarriageForce"])
-        assert details[3:6] == ["evolution", "2", f"{min(costs):.4f} to {max(costs):.4f}"]
+        span = f"{min(costs):.4f} to {max(costs):.4f}"
+        assert ["CarriageForce", "evolution", "2", span] in [cells[1:5] for cells in rows]
         figures = [line for line in text.splitlines() if line.startswith("![")]
         names = [line.partition("(")[2].rstrip(")") for line in figures]
-        assert names == ["page/curves.png", "page/profile.png", "page/robustness.png"]
+        assert names == ["page/curves.png", "page/profile.png"]
         assert all((tmp_path / name).exists() for name in names)
 
         record = read_published(tmp_path / "policies")
         (row,) = record.rows
-        assert row.with_results
         assert (row.seeds, row.cost) == (2, min(costs))  # of two, the better is the median
         assert (row.least, row.most) == (min(costs), max(costs))
         ((again, cost),) = scored_again(record, tmp_path / "policies")
         assert (again.file, cost) == ("CarriageForce-evolution.safetensors", row.cost)
-        assert (tmp_path / "published.md").read_text() == published_page(record)
+        assert (tmp_path / "published.md").read_text() == published_page(
+            record, read_results(tmp_path / "page.json")
+        )
 
         def refuse(*_):
             pytest.fail("trained again")
@@ -145,11 +280,13 @@ class TestCommand:
         monkeypatch.setattr("agents.commands.sweep.work_here", refuse)
         assert call("--no-train") is None
         assert (tmp_path / "page.md").read_text() == text
+        (tmp_path / "runs").rename(tmp_path / "elsewhere")
+        assert call("--no-train") is None  # of the data alone
+        assert (tmp_path / "page.md").read_text() == text
+        assert read_published(tmp_path / "policies") == record
+        (tmp_path / "elsewhere").rename(tmp_path / "runs")
         monkeypatch.setattr("agents.report.published.LARGEST", 10)
-        assert call("--no-train", "--no-page") is None
-        told, _, others = (tmp_path / "page.md").read_text().partition("\n## Other trainings\n")
-        assert told == text
-        assert f"| CarriageForce | evolution | 2 | {min(costs):.4f} | {details[5]} |" in others
+        assert call("--no-train") is None
         assert "left out: too large" in (tmp_path / "published.md").read_text()
         assert not list((tmp_path / "policies").glob("*.safetensors"))
 

@@ -278,7 +278,9 @@ def test_results_of_different_scenes_are_not_written_beside_each_other(tmp_path)
     for trial, mass in zip(trials, (0.2, 0.3), strict=True):
         run = Run(trial.name, tmp_path)
         run.open(trial.model_copy(update={"changes": {"carriage.mass": mass}}))
-        (run.folder / "result.json").write_text('{"cost": 0.5}')
+        (run.folder / "result.json").write_text(
+            '{"cost": 0.5, "episodes": [0.5], "injected": null}'
+        )
     with pytest.raises(SceneError, match="the same for all trainings of a task and a variant"):
         write_results(trials, tmp_path)
     assert not (tmp_path / "results.csv").exists()

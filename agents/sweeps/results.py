@@ -1,0 +1,365 @@
+"""What trainings cost, kept as data: ``docs/results.json``, from which the page of results follows.
+
+Costs are of the same held-out episodes. A training that is done again replaces its row.
+"""
+
+import hashlib
+import json
+import reprlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import BaseModel, Field, ValidationError, model_validator
+
+from agents.control.controller import Controller
+from agents.controllers.registry import entries
+from agents.controllers.tuned import designed
+from agents.evaluation.aggregates import Estimate, interquartile_mean, proportion, shared_episodes
+from agents.evaluation.headroom import CLASSICAL
+from agents.evaluation.scores import SCORES, Cost, read_scores
+from agents.scoring import evaluate, validation_cost
+from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of, read_score
+from agents.training.config import RunSettings
+from agents.training.runs import Run, RunError
+from mm_gym import Scene, SceneError, load_scene
+from mm_gym.arrays import Array
+from mm_gym.files import read_json, write_text
+from mm_gym.tasks import ids, short_name
+
+FILE = SCORES.with_name("results.json")
+MOST_BYTES = 2**24  # largest file of results
+
+DIGITS = 5  # of the costs in the file: a cost on a page has four
+
+Costs = Annotated[list[Cost], Field(min_length=EPISODES, max_length=EPISODES)]
+"""Of each held-out episode."""
+
+
+class Kept(BaseModel, strict=True, allow_inf_nan=False, extra="forbid"):
+    """A row of the file."""
+
+    task: str  # its id
+
+
+class Scored(Kept):
+    """What was scored on the held-out episodes of a task."""
+
+    scene_digest: str
+    # The mean over the episodes of the energy that changing the stretch put in [J]; None where it
+    # is not actuated.
+    injected: float | None
+    episodes: Costs
+
+    @property
+    def penalties(self) -> Array:
+        """(episodes,) as in `Evaluation`."""
+        return np.square(self.episodes)
+
+
+class Reference(Scored):
+    """The best controller of a task: that of the least cost in `docs/task_scores.json`."""
+
+    controller: str  # its name
+    validation: Cost  # on the validation episodes
+
+    @property
+    def cost(self) -> float:
+        """The cost over all episodes [-]."""
+        return float(np.sqrt(self.penalties.mean()))
+
+
+class Training(Scored):
+    """A training: a seed of an algorithm on a task."""
+
+    algorithm: Learner
+    seed: int
+    settings: str  # a digest of all but the seed and the name
+    commit: str  # of the code that trained
+    machine: str
+    cost: Cost  # over all episodes, with all digits
+    steps: int  # control steps of all lanes
+    # (validations,) cost on the validation episodes of each, and when it was made [s]
+    validation: Annotated[list[Cost], Field(min_length=1)]
+    seconds: list[float]
+
+    @model_validator(mode="after")
+    def _has_times(self) -> Self:
+        if len(self.seconds) != len(self.validation):
+            msg = f"seconds: got {len(self.seconds)}; allowed: {len(self.validation)}, as of costs"
+            raise ValueError(msg)
+        return self
+
+
+class Earlier(Kept):
+    """Trainings of an algorithm by earlier code, whose episodes were not kept."""
+
+    algorithm: Learner
+    seeds: int
+    # Interquartile mean over the seeds, and the best and the worst of them
+    cost: Cost
+    least: Cost
+    most: Cost
+
+
+class Results(BaseModel, strict=True, extra="forbid"):
+    """What the file holds."""
+
+    controllers: list[Reference]
+    earlier: list[Earlier]
+    trainings: list[Training]
+
+
+NOTHING = Results(controllers=[], earlier=[], trainings=[])
+"""What is known before the first training."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """The trainings of one algorithm on a task."""
+
+    task: str
+    algorithm: str
+    trainings: Sequence[Training]  # of each seed
+
+    @property
+    def penalties(self) -> Array:
+        """(seeds, episodes) as in `Evaluation`."""
+        return np.array([one.penalties for one in self.trainings])
+
+    @property
+    def costs(self) -> Array:
+        """(seeds,) cost of each training [-]."""
+        return np.array([one.cost for one in self.trainings])
+
+    @property
+    def median(self) -> Training:
+        """That whose cost is in the middle; of two, the better."""
+        return self.trainings[int(np.argsort(self.costs)[(len(self.costs) - 1) // 2])]
+
+    @property
+    def validation(self) -> float:
+        """The interquartile mean of the seeds' least costs on the validation episodes [-]."""
+        least = np.array([min(one.validation) for one in self.trainings])
+        return float(interquartile_mean(least[None]))
+
+    def cost(self, other: Reference | None = None) -> Estimate:
+        """Return the interquartile mean of the seeds' costs, or its ratio to another's cost.
+
+        The interval is for other seeds and other episodes; one seed has none.
+        """
+        return shared_episodes(self.penalties, None if other is None else other.penalties)
+
+    def cheaper(self, other: Reference) -> int:
+        """Return how many seeds cost less than a controller in the same episodes."""
+        return int((self.costs < other.cost).sum())
+
+    def improvement(self, other: Reference) -> Estimate:
+        """Return the probability that a seed's cost is below a controller's in these episodes.
+
+        The interval is for other seeds in the same episodes.
+        """
+        return proportion(self.cheaper(other), len(self.trainings))
+
+    def episodes_won(self, other: Reference) -> float:
+        """Return which fraction of all episodes of all seeds costs less than with a controller."""
+        return float((self.penalties < other.penalties).mean())
+
+    def middle_curve(self) -> tuple[Array, Array]:
+        """Return what the seeds have in common, up to the shortest: time and least cost so far.
+
+        Returns
+        -------
+        seconds
+            (validations,) median over the seeds [s].
+        costs
+            (3, validations) least, median and most of the seeds [-].
+        """
+        count = min(len(one.validation) for one in self.trainings)
+        seconds = np.median([one.seconds[:count] for one in self.trainings], axis=0)
+        least = [np.minimum.accumulate(one.validation[:count]) for one in self.trainings]
+        return seconds, np.percentile(least, (0.0, 50.0, 100.0), axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class OnTask:
+    """What is known on a task."""
+
+    task: str  # its id
+    reference: Reference
+    cells: Sequence[Cell]  # of each algorithm that has data, at least one
+    known: Mapping[str, float]  # role -> the least cost of `docs/task_scores.json` [-]
+    plans: Array  # (episodes,) costs of the clairvoyant optima [-]
+
+    @property
+    def name(self) -> str:
+        """The short name of the task."""
+        return short_name(self.task)
+
+    @property
+    def best(self) -> Cell:
+        """The best algorithm's: see `best_of`."""
+        return best_of(self.cells)
+
+    def scores(self, costs: Array) -> Array:
+        """Return s = (J_constant - J) / (J_constant - J_best found) of costs J."""
+        constant = self.known["constant"]
+        return (constant - costs) / (constant - self.known["planner"])
+
+
+def best_of(cells: Sequence[Cell]) -> Cell:
+    """Return the cell of the least cost on the validation episodes, of those with the most seeds.
+
+    Held-out episodes have no say in it.
+    """
+    most = max(len(cell.trainings) for cell in cells)
+    return min((c for c in cells if len(c.trainings) == most), key=lambda cell: cell.validation)
+
+
+def read_results(path: Path = FILE) -> Results:
+    """Return what is in the file; raise `SceneError` if it cannot be read, or is damaged."""
+    try:
+        return Results.model_validate(read_json(path, most=MOST_BYTES))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "its content"
+        got = "" if first["type"] == "missing" else f"got {reprlib.repr(first['input'])}; "
+        msg = f"{path}: not a file of results: {where}: {got}{first['msg']}"
+        raise SceneError(msg) from None
+
+
+def save(results: Results, path: Path = FILE) -> None:
+    """Write the file, a line a row."""
+    tables = [
+        f'"{name}": [\n' + ",\n".join(json.dumps(row) for row in rows) + "\n]"
+        for name, rows in results.model_dump().items()
+    ]
+    write_text(path, "{\n" + ",\n".join(tables) + "\n}\n")
+
+
+def training_of(trial: RunSettings, folder: Path) -> Training:
+    """Return the row of a finished training; raise `RunError` if its files are damaged."""
+    run = Run(trial.name, folder)
+    record, score = run.read(), read_score(run)
+    steps, costs, seconds = run.validations()
+    text = trial.model_dump_json(exclude={"seed", "name"})
+    return Training(
+        task=trial.task,
+        scene_digest=record["scene_digest"],
+        injected=score.injected,
+        episodes=_short(score.episodes),
+        algorithm=algorithm_of(trial),  # pyright: ignore[reportArgumentType] - the sweep's
+        seed=trial.seed,
+        settings=hashlib.sha256(text.encode()).hexdigest()[:16],
+        commit=record.get("commit", "unknown"),
+        machine=f"{record.get('machine', 'unknown')}, Python {record.get('python', 'unknown')}",
+        cost=score.cost,
+        steps=int(steps[-1]),
+        validation=_short(costs),
+        seconds=_short(seconds),
+    )
+
+
+def _short(values: Iterable[float]) -> list[float]:
+    return [float(f"{value:.{DIGITS}g}") for value in values]
+
+
+def merged(results: Results, rows: Iterable[Training]) -> Results:
+    """Return results with other rows: each replaces that of its task, algorithm and seed.
+
+    What its task and algorithm have of other settings, another scene or earlier code goes.
+    """
+    kept = {(one.task, one.algorithm, one.seed): one for one in results.trainings}
+    for row in rows:
+        for key, one in list(kept.items()):
+            same = (one.settings, one.scene_digest) == (row.settings, row.scene_digest)
+            if key[:2] == (row.task, row.algorithm) and not same:
+                del kept[key]
+        kept[row.task, row.algorithm, row.seed] = row
+    trainings = sorted(kept.values(), key=lambda one: (*_place(one), one.seed))
+    new = {(one.task, one.algorithm) for one in trainings}
+    earlier = [one for one in results.earlier if (one.task, one.algorithm) not in new]
+    return results.model_copy(update={"trainings": trainings, "earlier": earlier})
+
+
+def _place(one: Training) -> tuple[int, int]:
+    return ids().index(one.task), LEARNERS.index(one.algorithm)
+
+
+def with_references(results: Results) -> Results:
+    """Return results with the best controller of each task that has a training.
+
+    One is scored where there is none, or it is another now. Raise `SceneError` or `RunError` if the
+    scores of tasks cannot be read, or are of another scene.
+    """
+    found: list[Reference] = []
+    known = {one.task: one for one in results.controllers}
+    for task in dict.fromkeys(one.task for one in results.trainings):
+        scene, scores = load_scene(task), read_scores(tasks=[task])[task]
+        if scores["scene_digest"] != scene.digest:
+            msg = f"{task}: {SCORES.name} is of another scene: python -m agents headroom {task}"
+            raise RunError(msg)
+        row = _best_row(scores)
+        if task in known and (known[task].controller, known[task].scene_digest) == (
+            row["controller"],
+            scene.digest,
+        ):
+            found.append(known[task])
+            continue
+        controller = reference_controller(scene, row["controller"])
+        result = evaluate(scene, controller, episodes=EPISODES)
+        found.append(
+            Reference(
+                task=task,
+                scene_digest=scene.digest,
+                injected=None if result.injected is None else float(result.injected.mean()),
+                episodes=_short(result.episode_costs),
+                controller=result.name,
+                validation=_short([validation_cost(scene, controller)])[0],
+            )
+        )
+    return results.model_copy(update={"controllers": found})
+
+
+def reference_controller(scene: Scene, name: str) -> Controller:
+    """Return the controller of a name on the page of tasks; raise `RunError` if none has it now."""
+    found = [one for one in entries(scene) if one.role != "informed" and not one.refuses(scene)]
+    first = name.partition(" ")[0]
+    # First what is quick to design, from known numbers, or has a name that begins as this one.
+    found.sort(key=lambda one: one.tunable is None and not one.name.startswith(first))
+    for entry in found:
+        made, _ = designed(scene, {entry.name: entry.make})
+        if made and made[0].name == name:
+            return made[0]
+    msg = f"{SCORES.name}: got {name!r}, as no controller is called now: python -m agents headroom"
+    raise RunError(msg)
+
+
+def _best_row(scores: Mapping[str, Any]) -> Mapping[str, Any]:
+    rows = [row for row in scores["rows"] if row["role"] in CLASSICAL]
+    return min(rows, key=lambda row: row["cost"])
+
+
+def cells_of(trainings: Iterable[Training]) -> list[Cell]:
+    """Return the trainings of each task and algorithm; those of one must follow each other."""
+    groups = groupby(trainings, key=lambda one: (one.task, one.algorithm))
+    return [Cell(*key, list(rows)) for key, rows in groups]
+
+
+def on_tasks(results: Results) -> list[OnTask]:
+    """Return what is known on each task that has a training, with the committed scores."""
+    scores = read_scores(tasks=[one.task for one in results.controllers])
+    cells = cells_of(results.trainings)
+    found: list[OnTask] = []
+    for one in results.controllers:
+        known: dict[str, float] = {}
+        for row in scores[one.task]["rows"]:
+            known[row["role"]] = min(row["cost"], known.get(row["role"], np.inf))
+        plans = next(row for row in scores[one.task]["rows"] if row["role"] == "planner")["plans"]
+        own = [cell for cell in cells if cell.task == one.task]
+        costs = np.array([plan["cost"] for plan in plans])
+        found.append(OnTask(one.task, one, own, known, costs))
+    return found
