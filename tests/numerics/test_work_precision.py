@@ -177,9 +177,8 @@ def test_cheapest_is_the_cheapest_that_keeps_the_error() -> None:
             result.cheapest(bad)
 
 
-@pytest.mark.parametrize(
-    "name", ["CarriageForceDuffing", pytest.param("finite springs", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["CarriageForceDuffing", "finite springs"])
 def test_recommended_settings_keep_their_error_in_fresh_steps(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
