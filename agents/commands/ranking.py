@@ -3,7 +3,8 @@
 Scores the runs on the hundred episodes of ``docs/task_scores.json``, adds them to it, and writes
 ``docs/ranking.md`` from it. A new score replaces an earlier one.
 ``--controllers`` also scores the named classical controllers, on all tasks that they apply to or on
-those of ``--tasks``. Then write ``docs/tasks.md``: ``python -m agents task-page``.
+those of ``--tasks``, and ``--published`` the published policies. Then write ``docs/tasks.md``:
+``python -m agents task-page``.
 """
 
 import json
@@ -14,15 +15,17 @@ from typing import Annotated, Any
 
 import tyro
 
+from agents.control.controller import Controller
 from agents.controllers.registry import Entry, entries, every_entry
 from agents.controllers.tuned import NOT_SCORED
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import LEARNED, scored
 from agents.evaluation.scores import SCORES, read_scores
+from agents.report.published import controller_of, read_published
 from agents.report.score_pages import RANKING, ranking_page
 from agents.training.runs import RunError
-from mm_gym import SceneError, load_scene
+from mm_gym import Scene, SceneError, load_scene
 from mm_gym.errors import suggest
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, task_called
@@ -38,6 +41,8 @@ class Arguments:
     """names of classical controllers to score again, as inertial-drive"""
     tasks: tuple[str, ...] = ()
     """names such as Hybrid, on which these are scored; by default all of mm_gym"""
+    published: bool = False
+    """score the published policies too, see docs/published.md"""
 
 
 def add_controllers(
@@ -93,9 +98,23 @@ def add_runs(scores: dict[str, dict[str, Any]], text: str) -> None:
             msg = f"{text}: {task} has no scores to add to; run: python -m agents headroom {task}"
             raise RunError(msg)
         for agent in agents:
-            rows = scores[task]["rows"]
-            rows[:] = [row for row in rows if row["controller"] != agent.name]
-            rows.append(scored(LEARNED, scene, agent))
+            _add(scores[task]["rows"], scene, agent)
+
+
+def add_published(scores: dict[str, dict[str, Any]]) -> None:
+    """Score the published policies of tasks, and put them among the scores."""
+    for row in read_published().rows:
+        if row.file is not None and row.task in scores:
+            scene = load_scene(row.task)
+            agent = controller_of(row, scene)
+            agent.name = f"{row.algorithm.replace('_', ' ')}, published"
+            _add(scores[row.task]["rows"], scene, agent)
+
+
+def _add(rows: list[dict[str, Any]], scene: Scene, agent: Controller) -> None:
+    """Score a trained agent in the place of its earlier score."""
+    rows[:] = [row for row in rows if row["controller"] != agent.name]
+    rows.append(scored(LEARNED, scene, agent))
 
 
 @command
@@ -104,6 +123,8 @@ def main(arguments: Arguments) -> None:
     scores = read_scores(SCORES)
     for text in arguments.runs:
         add_runs(scores, text)
+    if arguments.published:
+        add_published(scores)
     add_controllers(scores, arguments.controllers, arguments.tasks)
     write_text(SCORES, json.dumps(scores, indent=1) + "\n")
     write_text(RANKING, ranking_page(scores))

@@ -12,6 +12,7 @@ from agents.commands import ranking
 from agents.evaluation.headroom import EPISODES, least_cost, passive_rows
 from agents.evaluation.scores import SCORES
 from agents.policies import network
+from agents.report.published import printed, read_published
 from agents.report.score_pages import COLUMNS, NO_BETTER, surprises
 from agents.report.score_pages import RANKING as PAGE
 from agents.report.score_pages import ranking_page as page
@@ -136,6 +137,15 @@ def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monk
     assert f"trained on {FORCE}, as it was; allowed: a run of the scene of a task" in str(
         ranking.main()
     )
+
+
+def test_published_policies_have_the_same_cost_in_the_ranking():
+    published = [one for one in read_published().rows if one.file and one.task in COMMITTED]
+    assert published
+    for one in published:
+        name = f"{one.algorithm.replace('_', ' ')}, published"
+        (found,) = [row for row in COMMITTED[one.task]["rows"] if row["controller"] == name]
+        assert printed(found["cost"]) == printed(one.cost), one.name
 
 
 def test_named_controllers_are_scored_and_nothing_else(tmp_path, monkeypatch, capsys):
