@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,15 +19,11 @@ from agents.sweeps.trials import LEARNERS
 from mm_gym import load_scene
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-
 THRESHOLDS = np.linspace(-0.2, 1.05, 126)  # scores at which the performance profile is taken
 WINDOW = 60  # control steps of an episode that are shown
 
 MOST, MARGIN = 2.0, 1.01
-"""Most cost on a learning curve, over the reference's; and its least, below all costs."""
+"""Most cost on a learning curve, over the reference's; and the margin around all costs."""
 
 BEST = "best agent of each task"  # label of the line that has its trainings
 
@@ -74,6 +70,8 @@ def _curves(known: Sequence[OnTask], path: Path) -> None:
     """Draw the least cost so far over time, a panel a task: the median of the seeds, and all."""
     rows = -(-len(known) // 2)
     figure, axes = panels(1.7 * rows + 0.4, rows, 2)
+    for algorithm in _algorithms(known):  # the legend has all, and some tasks lack some
+        axes[0].plot([], [], **_look(known, algorithm))
     for panel in axes[len(known) :]:
         panel.set_visible(False)
     for one, panel in zip(known, axes, strict=False):
@@ -82,21 +80,18 @@ def _curves(known: Sequence[OnTask], path: Path) -> None:
             seconds, (least, median, most) = cell.middle_curve()
             look = _look(known, cell.algorithm)
             panel.fill_between(seconds, least, most, color=look["color"], alpha=0.2, linewidth=0)
-            panel.plot(seconds, median, **look)
+            panel.plot(seconds, median, **look | {"label": None})
         panel.set(title=one.name, ylabel="cost [-]")
-        low = min(min(seed.validation) for cell in one.cells for seed in cell.trainings)
-        panel.set_ylim(low / MARGIN, min(panel.get_ylim()[1], MOST * one.reference.validation))
+        costs = (min(seed.validation) for cell in one.cells for seed in cell.trainings)
+        low = min(one.reference.validation, *costs)
+        high = min(MARGIN * panel.get_ylim()[1], MOST * one.reference.validation)
+        panel.set_ylim(low / MARGIN, high)
         logarithmic(panel)
         logarithmic(panel, "x")
     for panel in axes[max(len(known) - 2, 0) : len(known)]:
         panel.set_xlabel("time [s]")
-    legend_below(figure, max(axes, key=_entries), len(STYLES) + 1)
+    legend_below(figure, axes[0], len(STYLES) + 1)
     save(figure, path)
-
-
-def _entries(panel: Axes) -> int:
-    """Return the number of entries of a panel's legend: some tasks lack an algorithm."""
-    return len(panel.get_legend_handles_labels()[1])
 
 
 def _look(known: Sequence[OnTask], algorithm: str) -> dict[str, Any]:
