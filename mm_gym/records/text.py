@@ -71,7 +71,8 @@ def table(separator: str | None, columns: int, mark: str = ".") -> re.Pattern[st
     between = rf"[ \t]*+{separator}[ \t]*+" if separator else r"[ \t]++"
     cell = rf"[0-9{mark}+\-EeDd]++"
     row = rf"{cell}(?:{between}{cell}){{{columns - 1}}}"
-    return re.compile(rf"(?:[ \t]*+(?:{row}[ \t]*+)?+\n)*+")
+    # `(?:...)?+` keeps a part of a row that fails: https://github.com/python/cpython/issues/106052
+    return re.compile(rf"(?:[ \t]*+(?:{row}[ \t]*+)?\n)*+")
 
 
 MOST_BYTES = 16 * 2**20  # largest file: about an hour and a half at 200 Hz

@@ -215,6 +215,7 @@ def test_peer_file_that_is_wrong_is_refused_on_its_line(tmp_path, content, words
             ":1: got 3 columns; allowed: one, or two with the times first. Set column",
         ),
         ("0,1\n1;2\n", ":2: got 1 column; allowed"),
+        ("0,1\n1\n2\n", ":2: got 1 column; allowed"),  # four cells, which would be two rows
         ("0,1\n1,2 3\n", ":2: column 2: got '2 3'; allowed: a number"),
         # As many numbers as cells, in the wrong places.
         ("0,1\n1,\n2 3,4\n", ":2: column 2: got ''; allowed: a number"),
