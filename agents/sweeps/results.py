@@ -5,7 +5,6 @@ Costs are of the same held-out episodes. A training that is done again replaces 
 
 import hashlib
 import json
-import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from agents.control.controller import Controller
 from agents.controllers.registry import entries
@@ -24,10 +23,10 @@ from agents.evaluation.scores import SCORES, Cost, read_scores
 from agents.scoring import evaluate, validation_cost
 from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of, read_score
 from agents.training.config import RunSettings
-from agents.training.runs import Run, RunError
-from mm_gym import Scene, SceneError, load_scene
+from agents.training.runs import Run, RunError, read_checked
+from mm_gym import Scene, load_scene
 from mm_gym.arrays import Array
-from mm_gym.files import read_json, write_text
+from mm_gym.files import write_text
 from mm_gym.tasks import ids, short_name
 
 FILE = SCORES.with_name("results.json")
@@ -221,14 +220,7 @@ def best_of(cells: Sequence[Cell]) -> Cell:
 
 def read_results(path: Path = FILE) -> Results:
     """Return what is in the file; raise `SceneError` if it cannot be read, or is damaged."""
-    try:
-        return Results.model_validate(read_json(path, most=MOST_BYTES))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "its content"
-        got = "" if first["type"] == "missing" else f"got {reprlib.repr(first['input'])}; "
-        msg = f"{path}: not a file of results: {where}: {got}{first['msg']}"
-        raise SceneError(msg) from None
+    return read_checked(Results, path, "a file of results", MOST_BYTES)
 
 
 def save(results: Results, path: Path = FILE) -> None:

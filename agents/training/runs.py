@@ -307,15 +307,21 @@ def read_as(kind: type[Contents], file: Path, what: str) -> Contents:
         If the file cannot be read, or does not hold what is wanted.
     """
     try:
-        return kind.model_validate(read_json(file, most=MOST_BYTES))
+        return read_checked(kind, file, what, MOST_BYTES)
     except SceneError as error:
         raise RunError(str(error)) from None
+
+
+def read_checked(kind: type[Contents], file: Path, what: str, most: int) -> Contents:
+    """Return what a JSON file of at most so many bytes holds; raise `SceneError` as `read_as`."""
+    try:
+        return kind.model_validate(read_json(file, most=most))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "its content"
         got = "" if first["type"] == "missing" else f"got {reprlib.repr(first['input'])}; "
         msg = f"{file}: not {what}: {where}: {got}{first['msg']}"
-        raise RunError(msg) from None
+        raise SceneError(msg) from None
 
 
 def _has_grown(before: object, now: float | None) -> bool:
