@@ -1,10 +1,11 @@
 """Train on all tasks and write ``docs/results.md``.
 
 For example ``python -m agents results configs/results.toml``. The file is that of a sweep, see
-``python -m agents sweep``. Finished trainings are not repeated. What they cost is put into
-``docs/results.json``, from which alone the page is written: ``--no-train`` writes it of what there
-is. The policy of the median seed of every row is published with it: ``python -m agents evaluate
---published`` scores them again. Variants on rigs that differ are published, and not on the page.
+``python -m agents sweep``. What finished trainings cost is put into ``docs/results.json``, from
+which alone the page is written: ``--no-train`` writes it of what there is. A training in these data
+or in ``runs/`` is not done again: ``python -m agents sweep`` repeats those of the data. The policy
+of the median seed of every row is published with it: ``python -m agents evaluate --published``
+scores them again. Variants on rigs that differ are published, and not on the page.
 """
 
 import os
@@ -17,7 +18,9 @@ from agents.report.results_figures import draw_results
 from agents.report.results_page import page
 from agents.sweeps.results import (
     NOTHING,
+    Results,
     cells_of,
+    known_names,
     merged,
     read_results,
     save,
@@ -46,15 +49,17 @@ class ResultsSettings(SweepSettings):
 @command
 def main(settings: ResultsSettings) -> str | None:
     """Train and write from the command line."""
-    problem = sweep(settings) if settings.train else None
+    problem = None
+    if settings.train:
+        problem = sweep(settings, known=known_names(_known(settings), settings.trials()))
     return problem or write(settings)
 
 
 def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
     """Write data, page, figures and policies; return what is wrong, or None."""
     folder, out = root / settings.name, Path(settings.out)
-    data, figures = out.with_suffix(".json"), out.with_suffix("")
-    known = read_results(data) if os.path.lexists(data) else NOTHING
+    data, figures = _data(settings), out.with_suffix("")
+    known = _known(settings)
     done = [trial for trial in settings.trials() if result_file(Run(trial.name, folder)).exists()]
     rows = [training_of(trial, folder) for trial in done]
     if not rows and not known.trainings:
@@ -69,3 +74,11 @@ def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
     draw_results(known, figures, policies)
     print(f"written: {out}, {data}, {figures}/, {told}, {policies}/")
     return None
+
+
+def _data(settings: ResultsSettings) -> Path:
+    return Path(settings.out).with_suffix(".json")
+
+
+def _known(settings: ResultsSettings) -> Results:
+    return read_results(_data(settings)) if os.path.lexists(_data(settings)) else NOTHING

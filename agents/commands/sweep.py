@@ -8,6 +8,7 @@ Each training is a run folder in ``runs/NAME``, and ``results.csv`` there has a 
 same command again does what is left, and with more seeds or tasks what is new.
 """
 
+from collections.abc import Container
 from pathlib import Path
 
 from tqdm import tqdm
@@ -25,13 +26,15 @@ def main(settings: SweepSettings) -> str | None:
     return sweep(settings)
 
 
-def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | None:
-    """Do the trainings that are left; return what went wrong, or None.
+def sweep(
+    settings: SweepSettings, root: Path = Path("runs"), known: Container[str] = ()
+) -> str | None:
+    """Do the trainings that are left, but those whose names are known; return what went wrong.
 
     Raise `SceneError` if a setting of a training is wrong, or a scene differs. No folder is made.
     Raise `RunError` if another process is at work on this sweep.
     """
-    trials = settings.trials()
+    trials = [trial for trial in settings.trials() if trial.name not in known]
     folder = Run(settings.name, root)
     with folder.locked():
         whole = folder.folder.resolve()

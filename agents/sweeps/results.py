@@ -237,7 +237,6 @@ def training_of(trial: RunSettings, folder: Path) -> Training:
     run = Run(trial.name, folder)
     record, score = run.read(), read_score(run)
     steps, costs, seconds = run.validations()
-    text = trial.model_dump_json(exclude={"seed", "name"})
     return Training(
         task=trial.task,
         scene_digest=record["scene_digest"],
@@ -245,7 +244,7 @@ def training_of(trial: RunSettings, folder: Path) -> Training:
         episodes=_short(score.episodes),
         algorithm=algorithm_of(trial),  # pyright: ignore[reportArgumentType] - the sweep's
         seed=trial.seed,
-        settings=hashlib.sha256(text.encode()).hexdigest()[:16],
+        settings=_digest(trial),
         commit=record.get("commit", "unknown"),
         machine=f"{record.get('machine', 'unknown')}, Python {record.get('python', 'unknown')}",
         cost=score.cost,
@@ -253,6 +252,25 @@ def training_of(trial: RunSettings, folder: Path) -> Training:
         validation=_short(costs),
         seconds=_short(seconds),
     )
+
+
+def _digest(trial: RunSettings) -> str:
+    text = trial.model_dump_json(exclude={"seed", "name"})
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def known_names(results: Results, trials: Iterable[RunSettings]) -> set[str]:
+    """Return the names of the trainings that have a row of the same settings and scene."""
+    rows = {
+        (one.task, one.algorithm, one.seed, one.settings, one.scene_digest)
+        for one in results.trainings
+    }
+    scenes = {task: load_scene(task).digest for task in {row[0] for row in rows}}
+    return {
+        one.name
+        for one in trials
+        if (one.task, algorithm_of(one), one.seed, _digest(one), scenes.get(one.task)) in rows
+    }
 
 
 def _short(values: Iterable[float]) -> list[float]:

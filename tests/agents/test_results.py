@@ -1,6 +1,7 @@
 """Does the page of results say what the trainings did, and are its statistics what they claim?"""
 
 import json
+import shutil
 import sys
 
 import numpy as np
@@ -274,16 +275,27 @@ class TestCommand:
             record, read_results(tmp_path / "page.json")
         )
 
-        def refuse(*_):
-            pytest.fail("trained again")
+        def refuse(work, *_):
+            assert not work, "trained again"
 
-        monkeypatch.setattr("agents.commands.sweep.work_here", refuse)
-        assert call("--no-train") is None
-        assert (tmp_path / "page.md").read_text() == text
-        (tmp_path / "runs").rename(tmp_path / "elsewhere")
-        assert call("--no-train") is None  # of the data alone
+        with monkeypatch.context() as patched:
+            patched.setattr("agents.commands.sweep.work_here", refuse)
+            assert call("--no-train") is None
+            assert (tmp_path / "page.md").read_text() == text
+            (tmp_path / "runs").rename(tmp_path / "elsewhere")
+            assert call() is None  # the data have both
         assert (tmp_path / "page.md").read_text() == text
         assert read_published(tmp_path / "policies") == record
+        data = read_results(tmp_path / "page.json")
+        save(data.model_copy(update={"trainings": data.trainings[:1]}), tmp_path / "page.json")
+        assert call("--processes", "1") is None
+        (again,) = (tmp_path / "runs" / "small").glob("*/result.json")
+        assert (
+            again.read_bytes()
+            == (tmp_path / "elsewhere" / again.relative_to(tmp_path / "runs")).read_bytes()
+        )
+        assert again.parent.name.endswith("-1")  # the other is in the data
+        shutil.rmtree(tmp_path / "runs")
         (tmp_path / "elsewhere").rename(tmp_path / "runs")
         monkeypatch.setattr("agents.report.published.LARGEST", 10)
         assert call("--no-train") is None
