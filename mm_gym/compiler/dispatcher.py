@@ -10,6 +10,7 @@ code, as a whole. And the compiler leaves out its passes for what no kernel cont
 
 from __future__ import annotations
 
+import gc
 import secrets
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
@@ -63,6 +64,18 @@ def _names_of_no_other_process() -> Generator[None]:
         yield
     finally:
         bytecode.FunctionIdentity._unique_ids = count
+
+
+@contextmanager
+def _no_garbage_collected() -> Generator[None]:
+    """Let Python not look for garbage meanwhile: the compiler makes millions of small objects."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 class Pipeline(compiler.CompilerBase):
@@ -121,7 +134,7 @@ class OnceDispatcher(CPUDispatcher):
 
     def _announced_and_made(self, kinds: Kinds) -> CompileResult:
         announce(self)
-        with _names_of_no_other_process():
+        with _no_garbage_collected(), _names_of_no_other_process():
             return self._made(kinds)
 
     def _made(self, kinds: Kinds) -> CompileResult:
