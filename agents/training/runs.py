@@ -341,13 +341,21 @@ def versions() -> dict[str, str]:
 
 
 def commit() -> str:
-    """Return the commit of this checkout, "-dirty" behind it where files differ from it."""
+    """Return the commit of this checkout, "-dirty" behind it where code or configurations differ.
+
+    Pages may differ: `python -m agents results` writes them between two trainings.
+    """
     git, root = which("git"), Path(__file__).parents[2]
     if git is None or not (root / ".git").exists():
         return "unknown: not a checkout"
-    words = [git, "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - no user's text
-    return done.stdout.strip() or "unknown"
+
+    def told(*words: str) -> str:
+        command = [git, "-C", str(root), *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - no user's text
+        return done.stdout.strip()
+
+    changed = told("diff", "--name-only", "HEAD", "--", "agents", "mm_gym", "configs")
+    return (told("rev-parse", "HEAD") or "unknown") + ("-dirty" if changed else "")
 
 
 def by_dotted_name(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
