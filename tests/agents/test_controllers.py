@@ -90,6 +90,7 @@ def constant_of_pre_stretch() -> Controller:
     return best_constant(PRE_STRETCH)
 
 
+@pytest.mark.slow
 def test_classical_laws_rank_as_theory_says() -> None:
     controllers = (
         constant_of_pre_stretch(),
@@ -107,6 +108,7 @@ def test_classical_laws_rank_as_theory_says() -> None:
     assert matching == pytest.approx(0.31, abs=0.03)
 
 
+@pytest.mark.slow
 def test_best_constant_stretch_is_not_beaten_by_a_finer_grid() -> None:
     best = constant_of_pre_stretch()
     cost = evaluate(PRE_STRETCH, best, episodes=100).cost
@@ -138,7 +140,10 @@ def short_baselines(name: str) -> tuple[Scene, list[Controller]]:
     return scene, [*baselines(scene).controllers, *further_laws(scene)]
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if "Carriage" in name else pytest.mark.slow) for name in TASKS],
+)
 def test_every_task_has_baselines_that_act_on_its_actuators(name) -> None:
     scene, found = short_baselines(name)
     width = len(scene.actuation.names)

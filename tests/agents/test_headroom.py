@@ -111,6 +111,7 @@ def test_planner_is_not_worse_than_what_it_starts_from_in_any_episode() -> None:
     assert np.all(planned.penalties <= law.penalties * (1.0 + 1e-9))
 
 
+@pytest.mark.slow
 def test_random_changes_better_plans_that_steps_of_gauss_and_newton_leave() -> None:
     scene = TASKS["mm_gym/PreStretchShock-v0"].replace(**{"control.steps": 80})
     ended = Effort(random=2, rounds=0, searches=0, last=200)
@@ -141,6 +142,7 @@ def test_random_changes_keep_off_ends_and_say_what_is_applied() -> None:
     assert np.all(found < before)
 
 
+@pytest.mark.slow
 def test_plans_also_start_from_controllers_with_other_numbers(monkeypatch) -> None:
     scene = TASKS["mm_gym/CarriageForceFriction-v0"]
     monkeypatch.setattr("agents.evaluation.headroom.VARIED", 6)

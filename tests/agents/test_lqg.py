@@ -91,6 +91,7 @@ def test_without_noise_and_late_it_costs_what_the_regulator_of_the_true_state_do
     assert (expected.reads, found.reads) == ("full state", "observation")
 
 
+@pytest.mark.slow
 def test_baselines_have_an_lqg_where_one_can_be_designed():
     assert "LQG" in [one.name for one in baselines(CARRIAGE_FORCE).controllers]
     found, not_scored = baselines(CARRIAGE_FORCE_FRICTION)

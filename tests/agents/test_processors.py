@@ -55,6 +55,7 @@ def outputs(program, folder):
         yield out
 
 
+@pytest.mark.slow
 def test_network_of_the_search_has_the_same_outputs_on_every_processor(tmp_path):
     general, own = outputs(NETWORK, tmp_path)
     assert len(own) > 1000

@@ -250,6 +250,7 @@ class TestTwoTrainingsOfOneName:
 
 
 class TestNames:
+    @pytest.mark.slow
     def test_demo_keeps_finished_runs_and_numbers_new_ones(self, tmp_path, monkeypatch):
         file = tmp_path / "demo.toml"
         file.write_text('name = "show"\nsteps = 200\n')

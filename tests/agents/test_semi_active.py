@@ -363,6 +363,7 @@ def test_plans_begin_at_the_laws_and_are_not_worse_in_any_episode():
     assert planned.cost < 0.97 * np.sqrt(least.mean())
 
 
+@pytest.mark.slow
 def test_predictive_control_plans_for_a_damping_and_for_a_force_between_the_masses():
     force = {"limit": 0.5, "between": "masses"}
     pushed = scene_of(actuation={"force": force}, **{"objective.effort_weight": 0.01})
@@ -467,6 +468,7 @@ def test_damper_and_force_in_parallel_share_the_regulators_force():
     assert "in parallel" in obstacle("clipped-optimal-and-force", ground)
 
 
+@pytest.mark.slow
 def test_every_law_is_tuned_and_named():
     scene = scene_of(**{"control.steps": 5})
     found = classical_laws(scene)

@@ -106,6 +106,7 @@ def test_trainings_draw_from_a_set(folder, call, monkeypatch, command, motions):
     assert run.read()["scene_digest"] == load_scene("scene.toml").digest
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*records? lasts?.*")
 def test_comparison_of_a_set_is_the_same_from_everywhere(folder, call, monkeypatch, tmp_path):
     monkeypatch.setattr("os.cpu_count", lambda: 1)
@@ -127,6 +128,7 @@ def test_comparison_of_a_set_is_the_same_from_everywhere(folder, call, monkeypat
     assert "trained on" not in rows[0]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*records? lasts?.*")
 def test_run_is_not_continued_with_other_records_and_loses_nothing(folder, call):
     call(*EVOLVE, "1")

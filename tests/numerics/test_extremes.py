@@ -237,6 +237,7 @@ def _sweep(seeds: range) -> list[str]:
     return wrong
 
 
+@pytest.mark.slow
 def test_random_scenes_over_ten_decades_are_right_or_refused() -> None:
     assert _sweep(range(200)) == []
 

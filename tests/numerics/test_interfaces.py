@@ -289,6 +289,7 @@ def test_energy_balances_and_is_only_lost_in_the_interface(interface: dict[str, 
         assert np.diff(work.dissipated).min() >= -1e-12 * work.throughput[-1]
 
 
+@pytest.mark.slow
 def test_hysteresis_dissipates_the_area_of_its_loop() -> None:
     """The force over the offset, integrated from recorded motion, less what is stored."""
     motion = simulate(scene_of(BOUC_WEN, solver={"tolerance": 1e-12}), duration=0.3)

@@ -86,12 +86,10 @@ SCENES = {
 }
 
 
-CONTAINED = ("friction", "friction that never slips", "stiff", "everything, linear", "a task")
-"""What they show, others of the scenes show too."""
+QUICK = ("linear", "cubic", "everything, friction")
+"""What the others show, these show in part."""
 
-EVERY = [
-    pytest.param(name, marks=pytest.mark.slow) if name in CONTAINED else name for name in SCENES
-]
+EVERY = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in SCENES]
 
 
 @cache
@@ -223,6 +221,7 @@ RUN = 2.0**-10
 """Duration of a run [s], of a clock that does not depend on how busy the machine is."""
 
 
+@pytest.mark.slow
 def test_cost_of_many_lanes_is_that_of_one_among_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(episode, "MOST_CHECKED", 10)
     monkeypatch.setattr(episode, "EPISODES", 1)
@@ -257,6 +256,7 @@ def test_margin_covers_what_is_still_to_come() -> None:
     assert margin(np.array([1e-9, 0.0, 0.0])) == UNKNOWN
 
 
+@pytest.mark.slow
 def test_harmonic_of_many_periods_in_a_step_is_followed_or_refused_with_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -286,6 +286,7 @@ def test_episodes_in_which_nothing_is_random_count_once() -> None:
     assert (commands[::2] < 10.0).all()
 
 
+@pytest.mark.slow
 def test_scene_that_scipy_cannot_follow_is_refused_however_slow_the_machine(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -308,6 +309,7 @@ def test_oracle_continues_a_motion_and_keeps_its_budget() -> None:
         Oracle(BASE, most_evaluations=20).solve([0.1])
 
 
+@pytest.mark.slow
 def test_command_prints_recommends_and_writes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

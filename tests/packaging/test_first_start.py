@@ -92,6 +92,7 @@ def module(tmp_path, monkeypatch):
     return lambda: loaded(path, monkeypatch)
 
 
+@pytest.mark.slow
 def test_lock_keeps_processes_apart_and_leaves_nothing_behind(tmp_path):
     number = tmp_path / "number"
     number.write_text("0")

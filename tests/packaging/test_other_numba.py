@@ -117,6 +117,7 @@ def called(x):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiles", [[], ["too"]])
 def test_importing_and_compiling_change_nothing_in_numba_for_other_code(tmp_path, compiles):
     (tmp_path / "module.py").write_text(MODULE)
@@ -162,6 +163,7 @@ def lines_with(folder, change, program):
     return out.splitlines()
 
 
+@pytest.mark.slow
 def test_version_that_was_not_tested_compiles_after_one_warning(tmp_path):
     program = "print(module.quarter(2.0), *module.called(4))"
     values, warning = lines_with(tmp_path, UNTESTED, program)

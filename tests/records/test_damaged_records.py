@@ -221,7 +221,13 @@ STEPS = {"columns": 0.01, "comments": 0.01, "text in a row": 0.01}
 COLUMNS = {"text in a row": 2}
 
 
-@pytest.mark.parametrize("kind", LARGE)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if name.endswith("at2") else pytest.mark.slow)
+        for kind, (name, _) in LARGE.items()
+    ],
+)
 def test_large_file_that_is_wrong_is_refused_soon(monkeypatch, kind):
     name, content = LARGE[kind]
     monkeypatch.setattr(text, "read_bytes", lambda *_, **__: content)

@@ -304,7 +304,7 @@ def is_toml(text):
         return False
 
 
-@pytest.mark.parametrize("count", [2000, pytest.param(100_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [500, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_mutated_file_is_refused_by_name_or_makes_finite_steps(monkeypatch, count):
     content = b""
     # In memory, because to write and open a file takes longer than all the rest.

@@ -130,6 +130,7 @@ def test_start_of_the_scene_is_that_of_the_whole_structure():
     assert compare(reduction, scene, GROUND)["stroke of the device"].difference_rms < 1e-10
 
 
+@pytest.mark.slow
 def test_uneven_ground_motion_is_followed_to_each_of_its_corners():
     times = np.cumsum(np.r_[0.013, np.random.default_rng(5).uniform(0.01, 0.05, 40)])
     ground = np.column_stack([times, np.random.default_rng(6).normal(size=41)])
@@ -195,7 +196,10 @@ STATED = {
 }
 
 
-@pytest.mark.parametrize("name", STATED)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(one, marks=pytest.mark.slow if "three" in one else ()) for one in STATED],
+)
 def test_errors_of_the_examples_under_white_noise_are_as_documented(name):
     made = example(name)
     found = compare(made.reduction, made.scene(), white_noise(20.0, 0.02, seed=1))
