@@ -34,6 +34,14 @@ from mm_gym.step.task import (
 )
 
 
+class _Kernels(NamedTuple):
+    """As of `Entries.kernels`, where none has an address; of a nameless tuple numba warns."""
+
+    propagate: Callable[..., int]
+    derive: Callable[..., int]
+    cross: Callable[..., int]
+
+
 class Entries(NamedTuple):
     """Kernels of one method, and an entry of its own if it has one for its simplest scenes."""
 
@@ -64,7 +72,7 @@ class Entries(NamedTuple):
         """
         propagate = self.propagate if excited else self.whole
         if not LINKED:
-            return propagate, self.derive, self.cross
+            return _Kernels(propagate, self.derive, self.cross)
         found = np.zeros(3, np.int64)
         found[0] = address_of(propagate, model, lanes, 0, 1)
         if task[layout.IS_DERIVED]:
