@@ -78,6 +78,33 @@ def _no_garbage_collected() -> Generator[None]:
             gc.enable()
 
 
+@contextmanager
+def _calls_typed_once(context: typing.Context) -> Generator[None]:
+    """Let numba know the type of a call again: it tries all candidates at every call of one."""
+    if "resolve_function_type" in vars(context):
+        yield
+        return
+    known: dict[object, Signature] = {}
+
+    def resolve(function: Any, args: Any, kws: Any) -> Signature | None:  # noqa: ANN401 - numba's
+        key = function, tuple(args), tuple(kws.items()) if kws else ()
+        try:
+            found = known.get(key)
+        except TypeError:  # a slice
+            return type(context).resolve_function_type(context, function, args, kws)
+        if found is None:
+            found = type(context).resolve_function_type(context, function, args, kws)
+            if found is not None:
+                known[key] = found
+        return found
+
+    context.resolve_function_type = resolve
+    try:
+        yield
+    finally:
+        del context.resolve_function_type
+
+
 class Pipeline(compiler.CompilerBase):
     """The way from a function's byte code to its intermediate code."""
 
@@ -134,7 +161,8 @@ class OnceDispatcher(CPUDispatcher):
 
     def _announced_and_made(self, kinds: Kinds) -> CompileResult:
         announce(self)
-        with _no_garbage_collected(), _names_of_no_other_process():
+        typed_once = _calls_typed_once(self.typingctx)
+        with typed_once, _no_garbage_collected(), _names_of_no_other_process():
             return self._made(kinds)
 
     def _made(self, kinds: Kinds) -> CompileResult:
