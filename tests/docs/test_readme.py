@@ -46,7 +46,10 @@ def test_costs_of_the_readme_are_those_of_the_pages(task, agents, controllers):
     assert controllers == f"{best_controller(task):.{len(controllers) - 2}f}"
     cells = [cell for cell in cells_of(read_results().trainings) if short_name(cell.task) == task]
     (stated,) = [cell for cell in cells if f"{cell.cost().value:.{len(agents) - 2}f}" == agents]
-    assert stated.costs.max() < best_controller(task)
+    _, _, behind = " ".join(README.split()).partition(f"{task} ({agents}")
+    seeds = re.search("in (each|nine) of ten", behind)
+    cheaper = (stated.costs < best_controller(task)).sum()
+    assert (cheaper, len(stated.costs)) == ({"each": 10, "nine": 9}[seeds[1]], 10)
 
 
 def test_on_the_two_other_tasks_a_controller_costs_at_most_one_per_cent_more():
