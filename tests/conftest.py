@@ -25,25 +25,29 @@ gc.set_threshold(50_000, 20, 20)
 collect_ignore = ["packaging/test_cache_trust.py"] if sys.platform == "win32" else []
 
 LONGEST = {
+    "test_aggregates.py",
+    "test_bounds.py",
+    "test_comparison.py",
     "test_controllers.py",
     "test_every_command.py",
+    "test_evolution.py",
+    "test_excitation.py",
     "test_force_between_masses.py",
+    "test_gradient.py",
+    "test_headroom.py",
     "test_interfaces.py",
     "test_kernel_cache.py",
+    "test_linear_springs.py",
     "test_magnetorheological.py",
     "test_metrics.py",
-    "test_published.py",
-    "test_random_scenes.py",
-    "test_reactions.py",
+    "test_own_reward.py",
     "test_semi_active_damping.py",
-    "test_sensors.py",
     "test_splitting.py",
-    "test_threads.py",
     "test_training.py",
-    "test_training_page.py",
-    "test_work_precision.py",
+    "test_tune.py",
+    "test_vector_wrappers.py",
 }
-"""Files that take more than 20 s of a processor."""
+"""Files that take 20 s of a processor or more, with a cold cache."""
 
 
 def pytest_collection_modifyitems(items):
