@@ -122,6 +122,12 @@ def test_best_constant_stretch_is_not_beaten_by_a_finer_grid() -> None:
     assert cost <= min(others) * 1.01
 
 
+EACH_TASK = pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if "Carriage" in name else pytest.mark.slow) for name in TASKS],
+)
+
+
 def test_regulator_beats_no_control_on_the_yardstick() -> None:
     zero, lqr, damper, lqg = (
         evaluate(CARRIAGE_FORCE, c, episodes=50) for c in baselines(CARRIAGE_FORCE).controllers
@@ -140,10 +146,7 @@ def short_baselines(name: str) -> tuple[Scene, list[Controller]]:
     return scene, [*baselines(scene).controllers, *further_laws(scene)]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=() if "Carriage" in name else pytest.mark.slow) for name in TASKS],
-)
+@EACH_TASK
 def test_every_task_has_baselines_that_act_on_its_actuators(name) -> None:
     scene, found = short_baselines(name)
     width = len(scene.actuation.names)
@@ -152,7 +155,7 @@ def test_every_task_has_baselines_that_act_on_its_actuators(name) -> None:
         assert evaluate(scene, controller, episodes=3).applied.shape[2] == width
 
 
-@pytest.mark.parametrize("name", TASKS)
+@EACH_TASK
 def test_hidden_state_does_not_change_what_claims_the_observation(name) -> None:
     scene, found = short_baselines(name)
     env = MovingMassVectorEnv(scene, 3)
