@@ -5,7 +5,9 @@ import os
 import platform
 import re
 import signal
+import subprocess
 import time
+from shutil import which
 
 import kills
 import numpy as np
@@ -16,6 +18,7 @@ from agents.commands import train as command
 from agents.evolution.search import EvolveSettings, evolve
 from agents.policies import load_policy
 from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED
+from agents.training import runs
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings, training_seeds
 from agents.training.lanes import make_lanes
@@ -321,3 +324,22 @@ class TestRefusals:
         with pytest.raises(SceneError, match="needs an actuator"):
             train(changed(scene=str(scene)), Run("tiny", tmp_path / "runs"))
         assert not (tmp_path / "runs").exists()
+
+
+def test_commit_of_a_run_is_of_changed_code_where_a_training_reads_what_changed(
+    tmp_path, monkeypatch
+):
+    for name in ("agents/training/runs.py", "docs/page.md", "configs/a.toml"):
+        file = tmp_path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("before\n")
+    monkeypatch.setattr(runs, "__file__", str(tmp_path / "agents" / "training" / "runs.py"))
+    assert runs.commit() == "unknown: not a checkout"
+    who = ("-c", "user.name=a", "-c", "user.email=a@b")
+    for words in (["init", "-q"], ["add", "."], [*who, "commit", "-qm", "First"]):
+        subprocess.run([which("git"), "-C", str(tmp_path), *words], check=True)
+    (tmp_path / "docs" / "page.md").write_text("after\n")
+    clean = runs.commit()
+    assert re.fullmatch("[0-9a-f]{40}", clean)
+    (tmp_path / "configs" / "a.toml").write_text("after\n")
+    assert runs.commit() == f"{clean}-dirty"

@@ -273,15 +273,23 @@ def test_warming_fails_where_compiled_code_cannot_be_kept(monkeypatch, capsys):
     assert capsys.readouterr().err == f"error: {notice.NOT_KEPT}: no space\n"
 
 
-COUNT_OF_NUMBA = """
+WHILE_COMPILING = """
+import gc
 from numba.core.bytecode import FunctionIdentity
-before = FunctionIdentity._unique_ids
+from numba.core.registry import cpu_target
+def state():
+    return FunctionIdentity._unique_ids, gc.isenabled(), dict(vars(cpu_target.typing_context))
+gc.enable()
+numbers, _, before = state()
 import module
-print(module.quarter(2.0), FunctionIdentity._unique_ids is before)
+print(module.quarter(2.0))
+now, collects, after = state()
+print(now is numbers, collects, before.keys() == after.keys())
 """
 
 
-def test_what_numba_numbers_functions_by_stays_as_it_is_for_other_code(module, tmp_path):
+def test_what_compiling_changes_in_a_process_is_as_before_for_other_code(module, tmp_path):
     module()
     place = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    assert start(COUNT_OF_NUMBA, folder=tmp_path, **place).communicate() == ("0.5 True\n", "")
+    told = start(WHILE_COMPILING, folder=tmp_path, **place).communicate()
+    assert told == ("0.5\nTrue True True\n", "")
