@@ -81,7 +81,7 @@ def _no_garbage_collected() -> Generator[None]:
 @contextmanager
 def _calls_typed_once(context: typing.Context) -> Generator[None]:
     """Let numba know the type of a call again: it tries all candidates at every call of one."""
-    if "resolve_function_type" in vars(context):
+    if "resolve_function_type" in vars(context):  # within another compilation
         yield
         return
     known: dict[object, Signature] = {}

@@ -1,4 +1,4 @@
-"""Adaptive Taylor series for every plant (Jorba and Zou, Experimental Mathematics 14, 2005).
+"""Adaptive Taylor series (Jorba and Zou, Experimental Mathematics 14, 2005).
 
 The field is polynomial but for the finite stretch, a quotient, so the series follows from
 recurrences: Cauchy products for the cubic spring, division for the neo-Hookean pair. Its order

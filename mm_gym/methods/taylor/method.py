@@ -1,4 +1,4 @@
-"""Adaptive Taylor series for every plant with two masses; nonlinear ones need it."""
+"""Adaptive Taylor series for plants with two masses whose interface is no value form."""
 
 from __future__ import annotations
 
