@@ -85,17 +85,16 @@ def _calls_typed_once(context: typing.Context) -> Generator[None]:
         yield
         return
     known: dict[object, Signature] = {}
+    look_up = context.resolve_function_type
 
     def resolve(function: Any, args: Any, kws: Any) -> Signature | None:  # noqa: ANN401 - numba's
         key = function, tuple(args), tuple(kws.items()) if kws else ()
         try:
             found = known.get(key)
         except TypeError:  # a slice
-            return type(context).resolve_function_type(context, function, args, kws)
-        if found is None:
-            found = type(context).resolve_function_type(context, function, args, kws)
-            if found is not None:
-                known[key] = found
+            return look_up(function, args, kws)
+        if found is None and (found := look_up(function, args, kws)) is not None:
+            known[key] = found
         return found
 
     context.resolve_function_type = resolve

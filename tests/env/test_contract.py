@@ -41,7 +41,8 @@ for name in {list(TASKS)!r}:
     env = gymnasium.make(f"mm_gym:{{name}}")
     env.reset(seed=0)
     env.step(env.action_space.sample())
-    envs = gymnasium.make_vec(f"mm_gym:{{name}}", num_envs=3)
+    entry = "vector_entry_point"
+    envs = gymnasium.make_vec(f"mm_gym:{{name}}", num_envs=3, vectorization_mode=entry)
     envs.reset(seed=0)
     print(type(envs.unwrapped).__name__, envs.step(envs.action_space.sample())[0].shape[0])
 """
