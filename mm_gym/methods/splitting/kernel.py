@@ -168,6 +168,9 @@ def _finish(model, lanes, b, done, i, count):
         kept = where(fresh, 1.0, kept)
         if all_hold(kept > 0.0):
             break
+    if count == LANES and all_hold(kept > 0.0):
+        write_states(lanes, i, y1, y2, w1, w2)
+        return layout.OK
     status = layout.OK
     for k in range(count):
         if element(kept, k) == 0.0:
