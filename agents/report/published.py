@@ -203,10 +203,17 @@ def page(published: Published, results: Results) -> str:
         largest=LARGEST // 1000,
         episodes=EPISODES,
         scored=list(dict.fromkeys(row.scored for row in found)),
-        earlier=[row.name for row in own if (row.task, row.algorithm) not in of_page],
+        earlier=_by_algorithm([row for row in own if (row.task, row.algorithm) not in of_page]),
         missing=_missing(own),
         left_out=any(row.file is None for row in found),
     )
+
+
+def _by_algorithm(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the tasks of the rows of each algorithm."""
+    algorithms = sorted({row.algorithm for row in rows}, key=LEARNERS.index)
+    tasks = {name: [row.task for row in rows if row.algorithm == name] for name in algorithms}
+    return {name: ", ".join(map(short_name, of_name)) for name, of_name in tasks.items()}
 
 
 def _missing(rows: Sequence[Row]) -> dict[str, str]:

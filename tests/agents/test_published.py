@@ -22,7 +22,7 @@ from agents.report.published import (
 )
 from agents.sweeps.results import read_results
 from mm_gym import SceneError
-from mm_gym.tasks import robust_ids
+from mm_gym.tasks import robust_ids, short_name
 
 RECORDED, RESULTS = read_published(), read_results()
 
@@ -70,10 +70,11 @@ def test_what_has_no_training_here_stays_published(folder):
 def test_page_names_what_is_of_earlier_code():
     own = [row for row in RECORDED.rows if row.task not in robust_ids()]
     found = page(RECORDED, RESULTS.model_copy(update={"trainings": []}))
-    told = "; ".join(row.name for row in own)
-    assert (
-        f"except these of\n[earlier code](results.md#trainings-of-earlier-code): {told}." in found
-    )
+    _, _, told = found.partition("except these of earlier code")
+    told, *_ = told.partition("| task |")
+    for row in own:
+        (of_algorithm,) = (line for line in told.splitlines() if f"- {row.algorithm}: " in line)
+        assert short_name(row.task) in of_algorithm.rstrip(".").partition(": ")[2].split(", ")
 
 
 def test_page_names_what_is_not_published():
