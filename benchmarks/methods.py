@@ -26,14 +26,15 @@ LEAST = 1e-12
 
 INTRODUCTION = f"""## Which method pays
 
-A special method is kept if in some row it is 1.3 times as fast as `runge_kutta` at the same error,
-or a hundred times more exact at the same speed. {LANES:,} lanes on one core make {STEPS} control
-steps under random actions by `step` with views. Each step counts with its fastest processor time of
+A special method is kept if in some row it is 1.3 times as fast as the general method at the same
+error, or a hundred times more exact at the same speed. The general method is `runge_kutta`, and
+`taylor` where `runge_kutta` does not apply. {LANES:,} lanes on one core make {STEPS} control steps
+under random actions by `step` with views. Each step counts with its fastest processor time of
 {ROUNDS} rounds, in which the methods took turns. The table lists million steps/s. In brackets is
 the largest error of all lanes after the last step, relative to the largest position or velocity,
 against `taylor` at 1e-15. A scene is named by its carriage, its interface and its springs, as in
 the section on every combination. A method without a tolerance has the same numbers in each row. The
-fastest method is set in bold; `auto` is the method that the scene uses by default.
+fastest method is set in bold; `auto` is the method that the scene uses by default at the tolerance.
 """
 
 
