@@ -15,14 +15,11 @@ import tyro
 
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
-from agents.evaluation.scores import SCORES
-from agents.evaluation.sealed import AGENT, EPISODES, Seal, fixed_and_classical
+from agents.evaluation.sealed import AGENT, EPISODES, FILE, Seal, fixed_and_classical, read_sealed
 from agents.report.score_pages import SEALED, sealed_page
 from mm_gym import load_scene
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, path_of, task_called
-
-DATA = SCORES.with_name("sealed_scores.json")
 
 
 @dataclass(frozen=True)
@@ -66,10 +63,9 @@ def main(arguments: Arguments) -> None:
                 print(f"{task}: {name}: {seal.scored[name].cost:.4f}, in {spent:.0f} s")
         done[task] = seal.summary()
     if arguments.episodes == EPISODES:
-        known = json.loads(DATA.read_text()) if DATA.exists() else {}
-        same = known if known.get("release") == release else {"tasks": {}}
-        tasks = same["tasks"] | done
+        known = read_sealed(FILE)
+        tasks = (known["tasks"] if known["release"] == release else {}) | done
         data = {"release": release, "tasks": {task: tasks[task] for task in ids() if task in tasks}}
-        write_text(DATA, json.dumps(data, indent=1) + "\n")
+        write_text(FILE, json.dumps(data, indent=1) + "\n")
         write_text(SEALED, sealed_page(data))
         print(f"written: {SEALED}")

@@ -16,11 +16,12 @@ from agents.control.controller import Controller
 from agents.controllers.constant import best_constant
 from agents.evaluation.aggregates import shared_episodes
 from agents.evaluation.headroom import CLASSICAL, controllers_of, interval
+from agents.evaluation.scores import SCORES
 from agents.network.files import content_of, read_content
 from agents.scoring import VALIDATION_SEED, evaluate
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.arrays import Array
-from mm_gym.files import read_bytes, write_bytes
+from mm_gym.files import read_bytes, read_text, write_bytes
 
 Row = dict[str, Any]
 
@@ -28,6 +29,8 @@ EPISODES = 1_000  # of a task and a release
 
 SEALED = 1 << 62
 """The bit that the seeds of sealed episodes have; those of all other episodes do not."""
+
+FILE = SCORES.with_name("sealed_scores.json")
 
 AGENT = "agent"  # role of what was trained
 LARGEST = 2**28  # size of a file of penalties [bytes]
@@ -82,6 +85,11 @@ class Scored:
             for name, value in found._asdict().items()
             if np.isfinite(value)
         }
+
+
+def read_sealed(file: Path = FILE) -> dict[str, Any]:
+    """Return the release that was scored, and its tasks; none without the file."""
+    return json.loads(read_text(file)) if file.exists() else {"release": "", "tasks": {}}
 
 
 class Seal:

@@ -7,8 +7,10 @@ import numpy as np
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.headroom import CLASSICAL
 from agents.evaluation.scores import read_scores
+from agents.evaluation.sealed import read_sealed
 from agents.report.pages import percent, render
 from agents.report.published import printed
+from agents.report.score_pages import of_sealed, standing
 from agents.scoring import tail_mean
 from agents.sweeps.results import Cell, Earlier, OnTask, Results, on_tasks
 from agents.sweeps.trials import LEARNERS
@@ -39,10 +41,8 @@ def page(results: Results, folder: str) -> str:
         names=[short_name(task) for task in tasks],
         left_out=[short_name(task) for task in ids() if task not in tasks],
         unknown=[short_name(task) for task in tasks if short_name(task) not in of_best],
-        surely=[name for name, ratio in of_best.items() if ratio.high < 1.0],
-        below=[name for name, ratio in of_best.items() if ratio.value < 1.0 <= ratio.high],
-        alone=[name for name, r in of_best.items() if r.value < 1.0 and np.isnan(r.high)],
-        above=[name for name, ratio in of_best.items() if not ratio.value < 1.0],
+        of_held_out=standing(of_best, len(tasks)),
+        of_sealed=of_sealed(read_sealed()),
         machines=sorted({one.machine for one in results.trainings}),
         algorithms=algorithms,
         best=[_best(one) for one in known],

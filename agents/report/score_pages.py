@@ -3,11 +3,13 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from inspect import signature
+from math import isnan, nan
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from agents.control.trajectories import ends_of
+from agents.evaluation.aggregates import Estimate
 from agents.evaluation.headroom import CLASSICAL, LEARNED, least_cost
 from agents.evaluation.rigs import DELAYS, task_of
 from agents.evaluation.rigs import EPISODES as OF_RIGS
@@ -256,7 +258,9 @@ def _agent_wins(compared: Sequence[Row | None], end: str = "rigs", of: str = "ri
 def sealed_page(data: Mapping[str, Any]) -> str:
     """Return the page of the sealed episodes of a release, as of ``docs/sealed_scores.json``."""
     compared = [
-        {"task": task, **one} for task, rows in data["tasks"].items() for one in rows["compared"]
+        {"task": short_name(task), **one, "agent": _algorithm(task, one["agent"])}
+        for task, rows in data["tasks"].items()
+        for one in rows["compared"]
     ]
     return render(
         "sealed",
@@ -264,6 +268,39 @@ def sealed_page(data: Mapping[str, Any]) -> str:
         episodes=SEALED_EPISODES,
         seed=first_seed(data["release"]),
         compared=compared,
-        cheaper=sum(one["value"] < 1.0 for one in compared),
-        surely=sum(one.get("high", 1.0) < 1.0 for one in compared),
+        of_sealed=of_sealed(data),
+        short_name=short_name,
+        algorithm=_algorithm,
     )
+
+
+def _algorithm(task: str, name: str) -> str:
+    """Return a controller's name, or the algorithm of trainings whose folders begin with a task."""
+    return name.removeprefix(f"{short_name(task)}-").removesuffix("-plain")
+
+
+def of_sealed(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return how the best agents stand to the best controllers on sealed episodes."""
+    ratios = {
+        short_name(task): Estimate(one["value"], one.get("low", nan), one.get("high", nan))
+        for task, rows in data["tasks"].items()
+        for one in rows["compared"]
+    }
+    return standing(ratios, len(ratios)) | {"episodes": SEALED_EPISODES}
+
+
+def standing(ratios: Mapping[str, Estimate], count: int) -> dict[str, Any]:
+    """Return the tasks, of so many, whose agent costs less than the controller, and the others.
+
+    Parameters
+    ----------
+    ratios
+        Name of a task -> cost of its best agent over that of its best controller.
+    """
+    return {
+        "count": count,
+        "surely": [name for name, ratio in ratios.items() if ratio.high < 1.0],
+        "below": [name for name, ratio in ratios.items() if ratio.value < 1.0 <= ratio.high],
+        "alone": [name for name, r in ratios.items() if r.value < 1.0 and isnan(r.high)],
+        "above": [name for name, ratio in ratios.items() if not ratio.value < 1.0],
+    }

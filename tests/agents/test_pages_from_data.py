@@ -29,7 +29,7 @@ NO_RESULT = {
     "0.4": "a grey",
     "made for another scene than": "an error",
     "cost less than its own": "says what a cell is",
-    "Those of tasks come from the trainings": "says what the page leaves out",
+    "A policy of more than kB": "says what the page leaves out",
     "evaluate docs/policies/PreStretch": "a command",
     "no published agent costs less over the rigs": "precedes a list from data",
     "On each variant an agent trained over the rigs": "a sentence that costs choose",

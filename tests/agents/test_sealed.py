@@ -1,6 +1,7 @@
 """Are sealed episodes fresh, scored once, and told with the right intervals?"""
 
 import json
+from importlib.metadata import version
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from agents.commands import sealed as command
 from agents.controllers.constant import ConstantAction
 from agents.evaluation import sealed
 from agents.evaluation.aggregates import shared_episodes
-from agents.evaluation.sealed import AGENT, SEALED, Scored, Seal, first_seed
+from agents.evaluation.sealed import AGENT, SEALED, Scored, Seal, first_seed, read_sealed
+from agents.report.score_pages import SEALED as SEALED_PAGE
 from agents.report.score_pages import sealed_page as page
 from agents.scoring import evaluate
 from agents.training.config import TRAINING
@@ -58,7 +60,7 @@ def test_damaged_file_is_refused(tmp_path, content):
 @pytest.fixture
 def pages(tmp_path, monkeypatch):
     """Write into a folder, two controllers on five episodes."""
-    monkeypatch.setattr(command, "DATA", tmp_path / "sealed.json")
+    monkeypatch.setattr(command, "FILE", tmp_path / "sealed.json")
     monkeypatch.setattr(command, "SEALED", tmp_path / "sealed.md")
     monkeypatch.setattr(command, "EPISODES", 5)
     pushes = (("zero", ConstantAction(SCENE)), ("law", ConstantAction(SCENE, 0.1)))
@@ -105,7 +107,16 @@ def test_page_says_on_how_many_tasks_agents_win():
     told = page({"release": "0.1.0", "tasks": dict(zip("ab", summaries, strict=True))})
     wins = sum(one["compared"][0]["value"] < 1.0 for one in summaries)
     assert f"On {wins} of 2 tasks the best agent costs less" in told
-    assert "on 1 by more than the 95 % interval" in told
+    assert "\non a by more than the 95 % interval" in told
+
+
+def test_page_of_the_release_is_of_its_data_and_of_the_scenes_of_now():
+    data = read_sealed()
+    assert SEALED_PAGE.read_text("utf-8") == page(data)
+    assert data["release"] == version("mm-gym")
+    for task, of_task in data["tasks"].items():
+        assert of_task["scene_digest"] == load_scene(task).digest
+        assert [row["seeds"] for row in of_task["rows"] if row["role"] == AGENT] == [10]
 
 
 @pytest.mark.parametrize("design", [(10, 0.01, 0.02), (10, 0.002, 0.2), (3, 0.05, 0.05)])
