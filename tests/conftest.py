@@ -1,9 +1,12 @@
 """What all tests share."""
 
 import gc
+import os
 import sys
 from collections import Counter
+from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # The same examples on every run, and no deadline: the first example compiles the kernels. Examples
@@ -50,7 +53,36 @@ LONGEST = {
 """Files that take 20 s of a processor or more, with a cold cache."""
 
 
-def pytest_collection_modifyitems(items):
-    """Begin with the longest files, then with those of most tests, so that workers end together."""
+SLOW = (Path(__file__).parent / "slow.txt").read_text("utf-8").splitlines()
+"""Tests that `make test-slow` runs: long ones, and those for which alone a law of motion is
+compiled. `make test` runs cheaper cases of most, and other laws. A star at the end stands for any
+other one."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers():
+    """Return the number of workers: one more than processors.
+
+    Workers wait for kernels that another one compiles, and for the processes of some tests.
+    """
+    return len(os.sched_getaffinity(0)) + 1 if hasattr(os, "sched_getaffinity") else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    """Mark slow tests. Begin with the longest files, then with those of most tests."""
+    found = {item.nodeid: item for item in items}
+    files = {item.nodeid.partition("::")[0] for item in items}
+    are_whole = not any("::" in argument for argument in config.args)
+    for one in SLOW:
+        start = one.removesuffix("*")
+        named = [name for name in found if name.startswith(start)] if start != one else [one]
+        known = [found[name] for name in named if name in found]
+        for item in known:
+            item.add_marker(pytest.mark.slow)
+        if not known and are_whole and one.partition("::")[0] in files:
+            msg = f"tests/slow.txt: there is no test {one}"
+            raise pytest.UsageError(msg)
     tests = Counter(item.path for item in items)
+    # So workers end together.
     items.sort(key=lambda item: (item.path.name not in LONGEST, -tests[item.path]))

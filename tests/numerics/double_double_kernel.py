@@ -1,7 +1,7 @@
 """A fast reference beyond double precision: Taylor series in pairs of doubles.
 
 A number is a pair (high, low) of doubles, some 32 digits (Dekker, 1971). The motion follows
-docs/model.md, the excitation docs/excitation.md; no code of the package is used. Harmonics and
+docs/model.md, the excitation docs/excitation.md; only the compiler is the package's. Harmonics and
 sweeps are oscillators whose series stand next to that of the motion; lines between samples, jumps
 and the ends of sweeps divide a control step into pieces.
 """
@@ -9,8 +9,10 @@ and the ends of sweeps divide a control step into pieces.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 
 ORDER = 26
 CUT_OFF = 1e-23
@@ -49,13 +51,13 @@ def _fused(_context, a, b, c):  # noqa: ARG001 - numba's own form
     return types.float64(types.float64, types.float64, types.float64), lowered
 
 
-@njit
+@inlined_kernel
 def _quick(a, b):
     s = a + b
     return s, b - (s - a)
 
 
-@njit
+@inlined_kernel
 def _add(x, y):
     s = x[0] + y[0]
     b = s - x[0]
@@ -67,7 +69,7 @@ def _add(x, y):
     return _quick(s, e + f)
 
 
-@njit
+@inlined_kernel
 def _times(x, y):
     p = x[0] * y[0]
     e = _fused(x[0], y[0], -p)
@@ -75,12 +77,12 @@ def _times(x, y):
     return _quick(p, e)
 
 
-@njit
+@inlined_kernel
 def _minus(x):
     return -x[0], -x[1]
 
 
-@njit
+@borrowing_kernel
 def _over(x, y):
     q = x[0] / y[0]
     r = _add(x, _minus(_times(y, (q, 0.0))))
@@ -90,18 +92,18 @@ def _over(x, y):
     return _add(_quick(q, q2), (q3, 0.0))
 
 
-@njit
+@inlined_kernel
 def _get(c, row, n):
     return c[row, n, 0], c[row, n, 1]
 
 
-@njit
+@inlined_kernel
 def _set(c, row, n, x):
     c[row, n, 0] = x[0]
     c[row, n, 1] = x[1]
 
 
-@njit
+@borrowing_kernel
 def _product(c, a, b, n):
     total = 0.0, 0.0
     for j in range(n + 1):
@@ -109,7 +111,7 @@ def _product(c, a, b, n):
     return total
 
 
-@njit
+@borrowing_kernel
 def _value(c, row, t):
     total = 0.0, 0.0
     for n in range(ORDER, -1, -1):
@@ -117,7 +119,7 @@ def _value(c, row, t):
     return total
 
 
-@njit
+@borrowing_kernel
 def _expand(c, p, regime, now, oscillators, kinds):
     """Write the series of the motion, term n the derivative n over n!; False if collapsed.
 
@@ -206,7 +208,7 @@ def _expand(c, p, regime, now, oscillators, kinds):
     return True
 
 
-@njit
+@borrowing_kernel
 def _pull(c, row, square, inverse, n):
     """Return term n of l - l**-2 of a side, from l**2 l**-2 = 1."""
     _set(c, square, n, _product(c, row, row, n))
@@ -217,7 +219,7 @@ def _pull(c, row, square, inverse, n):
     return _add(_get(c, row, n), _minus(_get(c, inverse, n)))
 
 
-@njit
+@borrowing_kernel
 def _length(c, longest):
     """Return the time within which the last four terms of the velocities are below the cut-off."""
     largest = 0.0
@@ -233,12 +235,12 @@ def _length(c, longest):
     return shortest
 
 
-@njit
+@inlined_kernel
 def _slip(c, t):
     return _add(_value(c, _V2, t), _minus(_value(c, _V1, t)))
 
 
-@njit
+@borrowing_kernel
 def _coarse_slip(c, t):
     total = 0.0
     for n in range(ORDER, -1, -1):
@@ -246,13 +248,13 @@ def _coarse_slip(c, t):
     return total
 
 
-@njit
+@inlined_kernel
 def _room(regime, vr, w):
     """Return how far the slip velocity is from the end of its regime."""
     return vr - abs(w) if regime == 0.0 else regime * w - vr
 
 
-@njit
+@borrowing_kernel
 def _exit(c, regime, vr, length):
     """Return the first exit from the regime, as a number; negative if there is none."""
     for k in range(1, SAMPLES + 1):
@@ -269,7 +271,7 @@ def _exit(c, regime, vr, length):
     return -1.0
 
 
-@njit
+@borrowing_kernel
 def _polished(c, sign, vr, t):
     """Return the time near t at which the slip velocity is sign vr (Newton)."""
     for _ in range(4):
@@ -283,14 +285,14 @@ def _polished(c, sign, vr, t):
     return t
 
 
-@njit
+@inlined_kernel
 def _regime_of(vr, w):
     if vr == 0.0 or abs(w) <= vr:
         return 0.0
     return 1.0 if w > 0.0 else -1.0
 
 
-@njit(cache=True)
+@kernel
 def advance(p, lengths, lines, jumps, oscillators, phases, state, largest, rounded):
     """Advance a lane by a control step.
 
