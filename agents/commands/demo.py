@@ -28,7 +28,16 @@ LONGEST = {"evolution": 180.0, "PPO": 180.0}
 evolution includes compilation, the first time, which can take a minute there."""
 
 EFFORT = Effort(
-    random=3, kept=2, first=8, second=20, rounds=2, steps=10, searches=1, generations=100, last=10
+    random=3,
+    kept=2,
+    first=8,
+    second=20,
+    rounds=2,
+    steps=10,
+    searches=1,
+    generations=100,
+    descent=0,
+    last=10,
 )
 """Of the planner: some nine seconds, and a cost 0.01 % above that of the plans in docs/tasks.md."""
 

@@ -30,6 +30,7 @@ from agents.evaluation.headroom import (
     ROUNDING,
     controllers_of,
     headroom,
+    interval,
     over_plans,
     preview,
 )
@@ -84,7 +85,7 @@ def score(
         np.save(content, found.plans)
         write_bytes(file, content.getvalue())
     rows = found.rows
-    _restore_starts(rows[-1], earlier)
+    _keep_better(rows[-1], earlier)
     rows += [row for row in earlier if row["role"] == LEARNED]
     print(f"{name}: {time.perf_counter() - began:.0f} s")
     for row in rows:
@@ -103,12 +104,23 @@ def _kept_plans(file: Path, shape: tuple[int, ...]) -> Array:
         raise SceneError(msg) from None
 
 
-def _restore_starts(planner: Row, earlier: list[Row]) -> None:
-    """Say of plans that were kept where they were from."""
-    before = next((row["plans"] for row in earlier if row["role"] == "planner"), None)
-    for k, plan in enumerate(planner["plans"] if before else []):
-        if before and plan["start"].startswith(KEPT):
-            plan["start"] = before[k]["start"] + plan["start"].removeprefix(KEPT)
+def _keep_better(planner: Row, earlier: list[Row]) -> None:
+    """Let the cost of an earlier plan stand where it is less, and say where kept plans were from.
+
+    Earlier plans themselves may be lost: their costs are what is known to be possible.
+    """
+    before = next((row["plans"] for row in earlier if row["role"] == "planner"), [])
+    for k, (known, plan) in enumerate(zip(before, planner["plans"], strict=False)):
+        if plan["start"].startswith(KEPT):
+            plan["start"] = known["start"] + plan["start"].removeprefix(KEPT)
+        if known["cost"] < plan["cost"]:
+            planner["plans"][k] = known
+    penalties = np.array([plan["cost"] ** 2 for plan in planner["plans"]])
+    values = np.sqrt(penalties.mean()), *interval(penalties)
+    told = dict(zip(("cost", "low", "high"), values, strict=True))
+    if planner.get("displacement") == planner["cost"]:  # nothing else is rewarded
+        told["displacement"] = told["cost"]
+    planner |= {name: float(f"{value:.6g}") for name, value in told.items()}
 
 
 def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, Any]) -> str | None:
@@ -151,9 +163,10 @@ def main(arguments: Arguments) -> str | None:
             earlier["preview"] = preview(scene)
             print(f"{name}: {earlier['preview']}")
         elif not arguments.preview:
-            rows = score(name, own, earlier.get("rows", []), arguments.plans, arguments.seed)
-            new = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
             same = earlier.get("scene_digest") == scene.digest
+            known = earlier["rows"] if same else []
+            rows = score(name, own, known, arguments.plans, arguments.seed)
+            new = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
             scores[name] = (earlier if same else {}) | new
         ordered = {task: scores[task] for task in ids() if task in scores}
         write_text(out, json.dumps(ordered, indent=1) + "\n")

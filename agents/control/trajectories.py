@@ -25,6 +25,11 @@ shorter before they are any good."""
 
 LEAST, MOST = 1e-8, 1e8  # bounds of the stiffness
 
+STIFFEST = 1e14  # a stiffness beside which no curvature counts
+FIRST, SECOND = 0.9, 0.99  # kept of the means of slopes and of squares in a round of a descent
+LONGEST, LEVEL = 0.05, 1e-3  # first step of a descent [-]; slopes that count as none, over the rms
+TINY = 1e-300  # added to what is divided by
+
 MARGIN = 0.02
 """Fraction of a limit that plans keep off it.
 
@@ -203,6 +208,41 @@ class Trajectories:
                 mine[..., better] = other[..., better]
             extra = np.clip(np.where(better, EASIER, HARDER) * extra, LEAST, MOST)
         return best
+
+    def descend(self, episodes: Indices, controls: Array, rounds: int) -> Trajectory:
+        """Return better plans by gradient descent with momentum, lane by lane.
+
+        Its first steps are so long that they leave optima in which those of Gauss and Newton end;
+        they shrink to nothing in the rounds. Adam, Kingma and Ba, ICLR 2015.
+        """
+        best = self.follow(episodes, controls)
+        mean, square = np.zeros((2, *controls.shape))
+        u = controls
+        for k in range(rounds):
+            slope = self._slope(trial := self.follow(episodes, u))
+            better = trial.cost < best.cost
+            for mine, other in zip(best, trial, strict=True):
+                mine[..., better] = other[..., better]
+            slope /= np.sqrt((slope**2).mean(axis=(0, 1))) + TINY
+            mean += (1.0 - FIRST) * (slope - mean)
+            square += (1.0 - SECOND) * (slope**2 - square)
+            first, second = mean / (1.0 - FIRST ** (k + 1)), square / (1.0 - SECOND ** (k + 1))
+            size = 0.5 * LONGEST * (1.0 + np.cos(np.pi * k / rounds))
+            u = np.clip(trial.controls - size * first / (np.sqrt(second) + LEVEL), -1.0, 1.0)
+        return best
+
+    def _slope(self, trajectory: Trajectory) -> Array:
+        """Return the cost's slope over each control, 0 where a bound keeps it from falling.
+
+        Where the stiffness outweighs all curvature, a step of Gauss and Newton is along it.
+        """
+        controls = trajectory.controls
+        change = np.empty_like(controls)
+        gain = np.empty((*controls.shape[:2], *trajectory.states.shape[1:]))
+        stiffness = np.full(controls.shape[2], STIFFEST)
+        parts = trajectory.motion, trajectory.states, controls, trajectory.reactions
+        sweep(parts, self._limits, self.weights, self.effort, stiffness, change, gain)
+        return -STIFFEST * change
 
     def _reactions(self, lanes: Array) -> Array:
         def squared(lanes: Array) -> Array:

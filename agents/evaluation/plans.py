@@ -20,6 +20,9 @@ SPREADS = (0.3, 1.0, 2.0)
 """Standard deviations of random plans [-]; those above 1 are mostly at the limits."""
 
 LITTLE, MORE = 0.1, 0.3  # standard deviations of the noise that is added to the best plans
+CHANGES = (0.0, 0.0), (0.02, 0.0), (0.1, 0.8), (0.1, 0.95), (0.3, 0.9)
+"""Of the plans that descend: standard deviation of the noise that is added, and its correlation."""
+
 AT_LIMIT = 10.0  # what a step at a limit costs in the search of a start that keeps off it
 
 
@@ -42,10 +45,11 @@ class Effort:
     # episode, and the steps that each such plan has
     rounds: int = 6
     steps: int = 20
-    # searches, generations: searches without derivatives, each of so many generations, that go on
-    # from the best plans; Gauss-Newton steps follow each
+    # searches, generations, descent: searches that go on from the best plans: each of so many
+    # generations without derivatives, then of so many rounds of descent; Gauss-Newton steps follow
     searches: int = 3
     generations: int = 500
+    descent: int = 200
     last: int = 60  # steps of the best plan at the end
     seed: int = 0  # of the random numbers
 
@@ -96,6 +100,8 @@ class Planner(Controller):
             applied = search.improve(self.actions, self.effort.generations)
             plans = {"changed without derivatives": self.problem.controls_of(applied)}
             self._go_on(plans, self.effort.steps)
+            if self.effort.descent:
+                self._descend()
         self._go_on({"": self.controls}, self.effort.last)
         plan = np.moveaxis(self.actions, 2, 0)
         return {"step": np.zeros(env.num_envs, np.int64), "plan": plan}
@@ -146,6 +152,21 @@ class Planner(Controller):
             f"{'of another episode' if k % 2 else 'changed'} in round {k + 1}": mixed,
         }
         self._go_on({n: np.clip(plan, -1.0, 1.0) for n, plan in plans.items()}, self.effort.steps)
+
+    def _descend(self) -> None:
+        """Let changed plans descend, then improve them."""
+        count, steps, descent = self.controls.shape[2], self.effort.steps, self.effort.descent
+        changed = [
+            np.clip(self.controls + size * self._drawn(correlation), -1.0, 1.0)
+            for size, correlation in CHANGES
+        ]
+        episodes = np.tile(np.arange(count), len(changed))
+        found = self.problem.descend(episodes, np.concatenate(changed, axis=2), descent).controls
+        plans = {
+            f"changed by {size:g}, and by gradients": found[..., k * count : (k + 1) * count]
+            for k, (size, _) in enumerate(CHANGES)
+        }
+        self._go_on(plans, steps)
 
     def _go_on(self, plans: Mapping[str, Array], steps: int) -> None:
         found = self._improved(plans, steps)

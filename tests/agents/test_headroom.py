@@ -14,6 +14,7 @@ from agents.controllers.constant import ConstantAction, held
 from agents.controllers.inertial_drive import INERTIAL_DRIVE
 from agents.evaluation.headroom import (
     BEST,
+    KEPT,
     LEARNED,
     ROUNDING,
     controllers_of,
@@ -72,7 +73,9 @@ def test_interval_is_that_of_the_central_limit() -> None:
     assert high**2 == pytest.approx(penalties.mean() + half, abs=0.1 * half)
 
 
-SHORT = Effort(random=2, rounds=1, first=8, second=15, steps=8, searches=1, generations=20, last=15)
+SHORT = Effort(
+    random=2, rounds=1, first=8, second=15, steps=8, searches=1, generations=20, descent=10, last=15
+)
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.01])
@@ -247,3 +250,19 @@ def test_no_law_is_better_than_the_best_known_plan_in_any_episode(name) -> None:
     controllers = [controller for _, controller in controllers_of(TASKS[name])]
     for label, ratios in over_plans(TASKS[name], controllers, COMMITTED[name]["rows"]).items():
         assert np.all(ratios >= 1.0 - ROUNDING), label
+
+
+def test_earlier_cost_stands_where_it_is_less() -> None:
+    earlier = [{"role": "planner", "plans": [{"cost": c, "start": "first"} for c in (0.1, 0.3)]}]
+    plans = [{"cost": 0.2, "start": "second"}, {"cost": 0.25, "start": f"{KEPT}, changed"}]
+    planner = {"role": "planner", "plans": plans, "cost": 1.0, "low": 1.0, "high": 1.0}
+    planner["displacement"] = 1.0
+    command._keep_better(planner, earlier)
+    assert planner["plans"] == [
+        {"cost": 0.1, "start": "first"},
+        {"cost": 0.25, "start": "first, changed"},
+    ]
+    assert planner["cost"] == pytest.approx(np.sqrt((0.1**2 + 0.25**2) / 2.0), rel=1e-5)
+    assert planner["displacement"] == planner["cost"]
+    assert planner["low"] == pytest.approx(0.1)
+    assert planner["high"] == pytest.approx(0.25)
