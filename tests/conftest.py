@@ -55,8 +55,8 @@ LONGEST = {
 
 SLOW = (Path(__file__).parent / "slow.txt").read_text("utf-8").splitlines()
 """Tests that `make test-slow` runs: long ones, and those for which alone a law of motion is
-compiled. `make test` runs cheaper cases of most, and other laws. A star at the end stands for any
-other one."""
+compiled. `make test` runs cheaper cases of most, and other laws. A star at the end stands for
+any ending."""
 
 
 @pytest.hookimpl(optionalhook=True)

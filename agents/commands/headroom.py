@@ -109,8 +109,10 @@ def _keep_better(planner: Row, earlier: list[Row]) -> None:
 
     Earlier plans themselves may be lost: their costs are what is known to be possible.
     """
-    before = next((row["plans"] for row in earlier if row["role"] == "planner"), [])
-    for k, (known, plan) in enumerate(zip(before, planner["plans"], strict=False)):
+    before = next((row["plans"] for row in earlier if row["role"] == "planner"), None)
+    if before is None:
+        return
+    for k, (known, plan) in enumerate(zip(before, planner["plans"], strict=True)):
         if plan["start"].startswith(KEPT):
             plan["start"] = known["start"] + plan["start"].removeprefix(KEPT)
         if known["cost"] < plan["cost"]:
@@ -118,7 +120,7 @@ def _keep_better(planner: Row, earlier: list[Row]) -> None:
     penalties = np.array([plan["cost"] ** 2 for plan in planner["plans"]])
     values = np.sqrt(penalties.mean()), *interval(penalties)
     told = dict(zip(("cost", "low", "high"), values, strict=True))
-    if planner.get("displacement") == planner["cost"]:  # nothing else is rewarded
+    if planner["displacement"] == planner["cost"]:  # nothing else is rewarded
         told["displacement"] = told["cost"]
     planner |= {name: float(f"{value:.6g}") for name, value in told.items()}
 
