@@ -25,7 +25,7 @@ shorter before they are any good."""
 
 LEAST, MOST = 1e-8, 1e8  # bounds of the stiffness
 
-STIFFEST = 1e14  # a stiffness beside which no curvature counts
+STIFFEST = 1e14  # a stiffness next to which no curvature counts
 FIRST, SECOND = 0.9, 0.99  # kept of the means of slopes and of squares in a round of a descent
 LONGEST, LEVEL = 0.05, 1e-3  # first step of a descent [-]; slopes that count as none, over the rms
 TINY = 1e-300  # added to what is divided by
