@@ -7,12 +7,14 @@ Juditsky, SIAM J. Control Optim. 30, 1992).
 """
 
 from contextlib import suppress
+from itertools import islice
 
 import numpy as np
 
 from agents.gradient.episodes import MOST, Episodes
 from agents.gradient.following import Following
 from agents.gradient.network import (
+    REAL,
     Network,
     hold_stable,
     longest,
@@ -67,8 +69,10 @@ class Descent(Following):
 
     Attributes
     ----------
+    parts
+        The episodes of each scene, and the passes of the network through them.
     network
-        With the parameters as they are.
+        Those through the scene itself, with the parameters as they are.
     sizes
         Of the steps of each parameter, over the rate.
     size
@@ -91,31 +95,46 @@ class Descent(Following):
         if not own or settings.floor != GradientSettings().floor:
             start.units[:, UNIT.index("floor")] = settings.floor
         self.start = evolved.policy(evolved.first(generator))
-        count = self.fitted.episodes
-        self.episodes = Episodes(scene, count, STEEPEST if own and self.odd else MOST)
-        self.network = Network(self.start, scene.control.steps, count)
+        self.parts = self._of_scenes(scene, STEEPEST if own and self.odd else MOST)
+        self.network = self.parts[0][1]
         self.mean = parameters_of(self.start)
         self.sizes = _sizes(scales, start)
         self.longest = longest(start.keep)
         zeros = {name: np.zeros_like(array) for name, array in self.mean.items()}
         self.slopes, self.squares = zeros, {name: array.copy() for name, array in zeros.items()}
-        self.frames = count * scene.control.steps
+        self.frames = sum(one.lanes * one.steps for one, _ in self.parts)
         self.size = 0.0
+
+    def _of_scenes(self, scene: Scene, most: float) -> list[tuple[Episodes, Network]]:
+        """Return the episodes of each scene, and the passes of the one network through them."""
+        settings, other = self.fitted, self.settings.other_scene()
+        scenes, counts = [scene], [settings.episodes]
+        if other is not None:
+            there = min(max(1, round(settings.share * counts[0])), counts[0] - 1)
+            scenes, counts = [scene, other], [counts[0] - there, there]
+        parts = [
+            (Episodes(one, count, most), Network(self.start, one.control.steps, count))
+            for one, count in zip(scenes, counts, strict=True)
+        ]
+        for _, network in parts[1:]:
+            network.parameters = parts[0][1].parameters
+        return parts
 
     def _advance(self) -> None:
         settings, count, size = self.fitted, self.fitted.episodes, np.inf
         fade, rate = schedule(settings, self.done)
         if settings.scene is not None:
             rate *= min(1.0, (self.rounds + 1) / WARMED)
-        seeds = training_seeds(settings.seed, count, self.rounds * count)
+        seeds = iter(training_seeds(settings.seed, count, self.rounds * count))
         with suppress(ActionError), np.errstate(over="ignore", invalid="ignore"):
-            self.episodes.run(self.network, seeds)
-            self.episodes.back(
-                self.network,
-                fade ** (1.0 / self.trust),
-                settings.feedback,
-                inwards=0.0 if settings.scene is None else 1.0 - self.done,
-            )
+            for episodes, network in self.parts:
+                episodes.run(network, list(islice(seeds, episodes.lanes)))
+                episodes.back(
+                    network,
+                    fade ** (1.0 / self.trust),
+                    settings.feedback,
+                    inwards=0.0 if settings.scene is None else 1.0 - self.done,
+                )
             size = self._follow(rate * self.trust)
         self.size = size
         self._judge(size)
@@ -126,7 +145,7 @@ class Descent(Following):
         Return its length, with which nothing changes unless it is finite.
         """
         sizes, count = self.sizes, self.rounds + 1
-        gradient = {name: sizes[name] * slope for name, slope in self.network.gradient.items()}
+        gradient = {name: sizes[name] * slope for name, slope in self._gradient().items()}
         if self.odd:
             for name in BIASES:
                 gradient[name][:] = 0.0
@@ -147,6 +166,15 @@ class Descent(Following):
         for name, value in own.items():
             self.mean[name] += max(AVERAGED, 1.0 / count) * (value - self.mean[name])
         return size
+
+    def _gradient(self) -> Arrays:
+        """Return the slopes of the mean over the episodes of all scenes."""
+        total = sum(episodes.lanes for episodes, _ in self.parts)
+        weighted = [(one.lanes / total, network.gradient) for one, network in self.parts]
+        return {
+            name: sum((part * slopes[name] for part, slopes in weighted), REAL(0.0))
+            for name in self.mean
+        }
 
     def _told(self) -> dict[str, float]:
         """Return the length of the gradient."""

@@ -28,7 +28,8 @@ from agents.sweeps.trials import SweepSettings, do_trial, write_results
 from agents.training.network import Network as Evolved
 from agents.training.runs import Run, RunError
 from agents.training.starts import start_of
-from mm_gym import ActionError, DesignError, OwnReward, load_scene, rewarded
+from mm_gym import ActionError, DesignError, OwnReward, SceneError, load_scene, rewarded
+from mm_gym.tasks import path_of
 
 TINY = GradientSettings(
     task="mm_gym/Hybrid-v0",
@@ -500,3 +501,53 @@ class TestRuns:
         do_trial(trial.model_dump_json(), tmp_path)
         assert_same_outcome(Run(trial.name, tmp_path), unbroken)
         assert "Hybrid,gradient,plain,0," in write_results([trial], tmp_path).read_text()
+
+
+class TestTwoScenes:
+    """A network that learns another scene with its own."""
+
+    def test_halves_of_one_scene_give_the_gradient_of_the_whole(self, monkeypatch):
+        monkeypatch.setattr("agents.gradient.descent.MOST", 1e9)  # of the median of fewer lanes
+        gradients = []
+        for also in (None, "Hybrid"):
+            settings = TINY.model_copy(update={"changes": {}, "also": also, "share": 0.25})
+            descent = Descent(settings, settings.rewarded_scene())
+            descent._advance()
+            gradients.append(descent._gradient())
+        for name, whole in gradients[0].items():
+            # Sums in single precision, in another order.
+            np.testing.assert_allclose(gradients[1][name], whole, atol=2e-4 * np.abs(whole).max())
+
+    def test_the_other_scene_has_its_share(self):
+        own = TINY.model_copy(update={"also": "HybridRobust", "share": 0.25})
+        descent = Descent(own, own.rewarded_scene())
+        assert [(one.lanes, one.steps) for one, _ in descent.parts] == [(6, 40), (2, 400)]
+
+    @pytest.mark.parametrize(
+        ("also", "said"),
+        [
+            ("PreStretch", "sensors.channels: got"),
+            ("CarriageForce", "sensors.channels: got"),
+            ("Hybird", "did you mean 'Hybrid'"),
+            ("none.toml", "none.toml: no such file"),
+        ],
+    )
+    def test_refuses_what_one_network_cannot_learn(self, tmp_path, also, said):
+        run = Run("tiny", tmp_path)
+        with pytest.raises(SceneError, match=said):
+            descend(TINY.model_copy(update={"also": also}), run, bar=False)
+        assert not run.folder.exists()
+
+    def test_a_cell_learns_one_scene(self):
+        with pytest.raises(SceneError, match="also: got 'Hybrid' with cell = 4"):
+            GradientSettings.of({"also": "Hybrid", "cell": 4})
+
+    def test_another_scene_in_the_file_does_not_continue_the_run(self, tmp_path):
+        file, run = tmp_path / "other.toml", Run("tiny", tmp_path)
+        task = path_of("mm_gym/Hybrid-v0").read_text()
+        file.write_text(task)
+        settings = TINY.model_copy(update={"also": str(file), "iterations": 2})
+        descend(settings, run, bar=False)
+        file.write_text(task.replace("damping = 0.2 ", "damping = 0.3 "))
+        with pytest.raises(RunError, match="changed"):
+            descend(settings.model_copy(update={"iterations": 3}), run, bar=False)
