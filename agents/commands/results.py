@@ -5,7 +5,7 @@ For example ``python -m agents results configs/results.toml``. The file is that 
 which alone the page is written: ``--no-train`` writes it of what there is. A training in these data
 or in ``runs/`` is not done again: ``python -m agents sweep`` repeats those of the data. The policy
 of the median seed of every row is published with it: ``python -m agents evaluate --published``
-scores them again. Variants on rigs that differ are published, and not on the page.
+scores them again. Variants on rigs that differ are on the page of ``python -m agents robustness``.
 """
 
 import os
@@ -30,7 +30,6 @@ from agents.sweeps.results import (
 from agents.sweeps.trials import SweepSettings, result_file
 from agents.training.runs import Run
 from mm_gym.files import write_text
-from mm_gym.tasks import ids
 
 
 class ResultsSettings(SweepSettings):
@@ -64,11 +63,10 @@ def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
     rows = [training_of(trial, folder) for trial in done]
     if not rows and not known.trainings:
         return f"error: {folder}: no finished training here, and none in {data}"
-    known = with_references(merged(known, (row for row in rows if row.task in ids())))
+    known = with_references(merged(known, rows))
     save(known, data)
     policies, told = out.with_name(published.FOLDER.name), out.with_name(published.PAGE.name)
-    of_variants = [row for row in rows if row.task not in ids()]
-    found = published.publish(cells_of([*known.trainings, *of_variants]), done, folder, policies)
+    found = published.publish(cells_of(known.trainings), done, folder, policies)
     write_text(told, published.page(found, known))
     write_text(out, page(known, figures.name))
     draw_results(known, figures, policies)

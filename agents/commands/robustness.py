@@ -15,15 +15,13 @@ import tyro
 
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
-from agents.evaluation.rigs import EPISODES, scores_of
-from agents.evaluation.scores import SCORES
+from agents.evaluation.rigs import EPISODES, FILE, read_robustness, scores_of
 from agents.report.published import published_agents, read_published
 from agents.report.score_pages import ROBUSTNESS, robustness_page
+from agents.sweeps.results import read_results
 from mm_gym import SceneError, load_scene
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, robust_ids, short_name, task_called
-
-DATA = SCORES.with_name("robustness_scores.json")
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ def main(arguments: Arguments) -> None:
     variants, agents = robust_ids(), agents_of(arguments.runs)
     for task, policy in published_agents((*ids(), *variants), read_published()):
         agents.setdefault(task, []).append(policy)
-    scores = json.loads(DATA.read_text()) if DATA.exists() else {}
+    scores, trained = read_robustness(), read_results()
     for variant in map(task_called, arguments.tasks or variants):
         if variant not in variants:
             allowed = ", ".join(map(short_name, variants))
@@ -58,7 +56,7 @@ def main(arguments: Arguments) -> None:
         rows = scores_of(variant, agents, known)
         scores[variant] = {"scene_digest": digest, "episodes": EPISODES, "rows": rows}
         ordered = {name: scores[name] for name in variants if name in scores}
-        write_text(DATA, json.dumps(ordered, indent=1) + "\n")
-        write_text(ROBUSTNESS, robustness_page(ordered))
+        write_text(FILE, json.dumps(ordered, indent=1) + "\n")
+        write_text(ROBUSTNESS, robustness_page(ordered, trained))
         print(f"{variant}: {time.perf_counter() - began:.0f} s")
     print(f"written: {ROBUSTNESS}")

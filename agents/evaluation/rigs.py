@@ -1,8 +1,10 @@
 """Controllers on rigs that differ, on late and noisy sensors, and on the true state."""
 
+import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,15 +25,24 @@ from agents.controllers.tuned import (
     makers,
 )
 from agents.evaluation.headroom import interval
+from agents.evaluation.scores import SCORES
 from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate, tail_mean
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
+from mm_gym.files import read_text
 from mm_gym.tasks import short_name
 
 Row = dict[str, Any]
 
+FILE = SCORES.with_name("robustness_scores.json")
+
 EPISODES = 200
 DELAYS = (0, 1, 2)  # control steps by which the sensors of the task itself are late
 WORST = 0.1  # share of the episodes that cost most
+
+
+def read_robustness(file: Path = FILE) -> dict[str, Any]:
+    """Return the scores of all variants that were scored; none without the file."""
+    return json.loads(read_text(file)) if file.exists() else {}
 
 
 def task_of(variant: str) -> str:

@@ -4,13 +4,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from agents.evaluation.aggregates import Estimate
 from agents.evaluation.headroom import CLASSICAL
 from agents.evaluation.scores import read_scores
 from agents.evaluation.sealed import read_sealed
 from agents.report.pages import percent, render
 from agents.report.published import printed
-from agents.report.score_pages import of_sealed, standing
+from agents.report.score_pages import of_sealed, span, standing
 from agents.scoring import tail_mean
 from agents.sweeps.results import Cell, Earlier, OnTask, Results, on_tasks
 from agents.sweeps.trials import LEARNERS
@@ -60,12 +59,6 @@ def page(results: Results, folder: str) -> str:
     )
 
 
-def _span(found: Estimate, digits: int = 4) -> str:
-    value = f"{found.value:.{digits}f}"
-    ends = f" [{found.low:.{digits}f}, {found.high:.{digits}f}]"
-    return value if np.isnan(found.low) else value + ends
-
-
 def _range(one: Earlier) -> str:
     return f"{printed(one.least)} to {printed(one.most)}"
 
@@ -83,11 +76,11 @@ def _best(one: OnTask) -> list[str]:
         best.algorithm,
         str(len(best.trainings)),
         printed(best.validation),
-        _span(best.cost()),
+        span(best.cost()),
         one.reference.controller,
         printed(one.reference.validation),
         printed(one.reference.cost),
-        _span(best.cost(one.reference), 3),
+        span(best.cost(one.reference), 3),
     ]
 
 
@@ -99,7 +92,7 @@ def _costs(
 ) -> list[list[str]]:
     """Return the rows of costs: a row for each algorithm and what it is compared with."""
     told = {(one.task, one.algorithm): f"{printed(one.cost)} ({one.seeds})" for one in earlier}
-    told |= {(cell.task, cell.algorithm): _span(cell.cost()) for _, cell in _each(known)}
+    told |= {(cell.task, cell.algorithm): span(cell.cost()) for _, cell in _each(known)}
     rows = [[name, *(told.get((task, name), "-") for task in tasks)] for name in algorithms]
     scores = read_scores(tasks=tasks)
     for label, roles in COMPARED.items():
@@ -119,7 +112,7 @@ def _details(known: Sequence[OnTask]) -> list[list[str]]:
             f"{printed(cell.costs.min())} to {printed(cell.costs.max())}",
             printed(cell.validation),
             str(cell.cheaper(one.reference)),
-            _span(cell.improvement(one.reference), 2),
+            span(cell.improvement(one.reference), 2),
             percent(cell.episodes_won(one.reference)),
         ]
         for one, cell in _each(known)

@@ -3,8 +3,9 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from inspect import signature
+from itertools import groupby
 from math import isnan, nan
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from agents.evaluation.scores import SCORES
 from agents.evaluation.sealed import EPISODES as SEALED_EPISODES
 from agents.evaluation.sealed import first_seed
 from agents.report.pages import render
+from agents.sweeps.results import Results, best_of, cells_of
+from agents.sweeps.trials import EPISODES as PENALTIES
 from mm_gym import Scene, compile_scene, load_scene, over_rigs
 from mm_gym.files import read_text
 from mm_gym.scene import Part
@@ -212,9 +215,16 @@ def _beats(one: Row, other: Row) -> bool:
     return one["cost"] < other["cost"] * (1.0 - MARGIN)
 
 
-def robustness_page(scores: Mapping[str, Any]) -> str:
-    """Return the page of rigs that differ, as of ``docs/robustness_scores.json``."""
+def robustness_page(scores: Mapping[str, Any], results: Results) -> str:
+    """Return the page of rigs that differ: of ``docs/robustness_scores.json``, and trainings."""
     compared = {name: _compared(scores[name]["rows"]) for name in scores}
+    references = {one.task: one for one in results.controllers}
+    cells = {
+        variant: best_of(list(own))
+        for variant, own in groupby(cells_of(results.trainings), key=attrgetter("task"))
+        if variant in scores
+    }
+    ratios = {short_name(name): one.cost(references[name]) for name, one in cells.items()}
     return render(
         "robustness",
         episodes=OF_RIGS,
@@ -227,11 +237,16 @@ def robustness_page(scores: Mapping[str, Any]) -> str:
         scores=scores,
         compared={short_name(name): rows for name, rows in compared.items() if rows[-1]},
         not_better=[short_name(name) for name, rows in compared.items() if not _agent_wins(rows)],
-        unsure=[
-            short_name(name)
-            for name, rows in compared.items()
-            if _agent_wins(rows) and not _agent_wins(rows, "high", "low")
+        trained=[
+            [
+                *(f"`{short_name(name)}`", cell.algorithm, str(len(cell.trainings))),
+                *(span(cell.cost()), references[name].controller),
+                *(f"{references[name].cost:.4f}", span(ratios[short_name(name)], 3)),
+            ]
+            for name, cell in cells.items()
         ],
+        of_trained=standing(ratios, len(scores)),
+        of_cells=PENALTIES,
     )
 
 
@@ -244,15 +259,17 @@ def _compared(rows: Sequence[Row]) -> list[Row | None]:
     ]
 
 
-def _agent_wins(compared: Sequence[Row | None], end: str = "rigs", of: str = "rigs") -> bool:
-    """Tell whether the agent over the rigs costs less there than the best controller.
-
-    Compared are their costs, or an end of the interval of each.
-    """
+def _agent_wins(compared: Sequence[Row | None]) -> bool:
+    """Tell whether the agent over the rigs costs less there than the best controller."""
     controller, _, agent = compared
-    if controller is None or agent is None:
-        return False
-    return bool(agent[end] < controller[of])
+    return controller is not None and agent is not None and agent["rigs"] < controller["rigs"]
+
+
+def span(found: Estimate, digits: int = 4) -> str:
+    """Return a value as pages have it, with its interval if it has one."""
+    value = f"{found.value:.{digits}f}"
+    ends = f" [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+    return value if isnan(found.low) else value + ends
 
 
 def sealed_page(data: Mapping[str, Any]) -> str:

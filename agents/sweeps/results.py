@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
@@ -19,6 +19,7 @@ from agents.controllers.registry import entries
 from agents.controllers.tuned import designed
 from agents.evaluation.aggregates import Estimate, interquartile_mean, proportion, shared_episodes
 from agents.evaluation.headroom import CLASSICAL
+from agents.evaluation.rigs import read_robustness
 from agents.evaluation.scores import SCORES, Cost, read_scores
 from agents.scoring import evaluate, validation_cost
 from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of, read_score
@@ -27,7 +28,7 @@ from agents.training.runs import Run, RunError, read_checked
 from mm_gym import Scene, load_scene
 from mm_gym.arrays import Array
 from mm_gym.files import write_text
-from mm_gym.tasks import ids, short_name
+from mm_gym.tasks import ids, robust_ids, short_name
 
 FILE = SCORES.with_name("results.json")
 MOST_BYTES = 2**24  # largest file of results
@@ -60,7 +61,7 @@ class Scored(Kept):
 
 
 class Reference(Scored):
-    """The best controller of a task: that of the least cost in `docs/task_scores.json`."""
+    """The best controller of a task or variant: that of the least cost in the committed scores."""
 
     controller: str  # its name
     validation: Cost  # on the validation episodes
@@ -296,7 +297,7 @@ def merged(results: Results, rows: Iterable[Training]) -> Results:
 
 
 def _place(one: Training) -> tuple[int, int]:
-    return ids().index(one.task), LEARNERS.index(one.algorithm)
+    return (*ids(), *robust_ids()).index(one.task), LEARNERS.index(one.algorithm)
 
 
 def with_references(results: Results) -> Results:
@@ -308,18 +309,15 @@ def with_references(results: Results) -> Results:
     found: list[Reference] = []
     known = {one.task: one for one in results.controllers}
     for task in dict.fromkeys(one.task for one in results.trainings):
-        scene, scores = load_scene(task), read_scores(tasks=[task])[task]
-        if scores["scene_digest"] != scene.digest:
-            msg = f"{task}: {SCORES.name} is of another scene: python -m agents headroom {task}"
-            raise RunError(msg)
-        row = _best_row(scores)
+        scene = load_scene(task)
+        name = _best_controller(task, scene)
         if task in known and (known[task].controller, known[task].scene_digest) == (
-            row["controller"],
+            name,
             scene.digest,
         ):
             found.append(known[task])
             continue
-        controller = reference_controller(scene, row["controller"])
+        controller = reference_controller(scene, name)
         result = evaluate(scene, controller, episodes=EPISODES)
         found.append(
             Reference(
@@ -348,9 +346,17 @@ def reference_controller(scene: Scene, name: str) -> Controller:
     raise RunError(msg)
 
 
-def _best_row(scores: Mapping[str, Any]) -> Mapping[str, Any]:
-    rows = [row for row in scores["rows"] if row["role"] in CLASSICAL]
-    return min(rows, key=lambda row: row["cost"])
+def _best_controller(task: str, scene: Scene) -> str:
+    """Return the name of the controller with the least cost among the scores of a task."""
+    own = task in ids()
+    scores = read_scores(tasks=[task])[task] if own else read_robustness().get(task, {})
+    if scores.get("scene_digest") != scene.digest:
+        wanted = "headroom" if own else "robustness"
+        msg = f"{task}: no scores of this scene: python -m agents {wanted} {short_name(task)}"
+        raise RunError(msg)
+    roles, cost = (CLASSICAL, "cost") if own else (("controller",), "rigs")
+    rows = [row for row in scores["rows"] if row["role"] in roles]
+    return min(rows, key=lambda row: row[cost])["controller"]
 
 
 def cells_of(trainings: Iterable[Training]) -> list[Cell]:
@@ -360,11 +366,14 @@ def cells_of(trainings: Iterable[Training]) -> list[Cell]:
 
 
 def on_tasks(results: Results) -> list[OnTask]:
-    """Return what is known on each task that has a training, with the committed scores."""
-    scores = read_scores(tasks=[one.task for one in results.controllers])
+    """Return what is known on each task that has a training, with the committed scores.
+
+    Variants on rigs that differ are left out.
+    """
+    scores = read_scores(tasks=[one.task for one in results.controllers if one.task in ids()])
     cells = cells_of(results.trainings)
     found: list[OnTask] = []
-    for one in results.controllers:
+    for one in [one for one in results.controllers if one.task in scores]:
         known: dict[str, float] = {}
         for row in scores[one.task]["rows"]:
             known[row["role"]] = min(row["cost"], known.get(row["role"], np.inf))

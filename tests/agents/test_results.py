@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from trainings import TASK, controller, training
 
 from agents.commands import results as command
 from agents.control.feedback import Feedback
@@ -20,18 +21,15 @@ from agents.sweeps.results import (
     FILE,
     Cell,
     Earlier,
-    Reference,
-    Training,
     best_of,
     cells_of,
     merged,
     read_results,
     save,
 )
-from mm_gym import SceneError, load_scene
+from mm_gym import SceneError
 
 COMMITTED = read_results()
-TASK = "mm_gym/CarriageForce-v0"
 
 SWEEP = """
 name = "small"
@@ -47,34 +45,8 @@ seeds = 2
 """
 
 
-def training(penalties, seed=0, **fields):
-    """Return a training of these penalties, whose validation cost is that of its episodes."""
-    episodes = np.sqrt(np.broadcast_to(penalties, 100)).tolist()
-    values = {
-        "task": TASK,
-        "scene_digest": load_scene(TASK).digest,
-        "injected": None,
-        "episodes": episodes,
-        "algorithm": "evolution",
-        "seed": seed,
-        "settings": "as they are",
-        "commit": "none",
-        "machine": "any",
-        "cost": float(np.sqrt(np.mean(np.square(episodes)))),
-        "steps": 1,
-        "validation": [float(np.sqrt(np.mean(np.square(episodes))))],
-        "seconds": [1.0],
-    }
-    return Training(**values | fields)
-
-
 def cell(rows, **fields):
     return Cell(TASK, "evolution", [training(own, k, **fields) for k, own in enumerate(rows)])
-
-
-def controller(penalties):
-    own = training(penalties).model_dump(include={"task", "scene_digest", "injected", "episodes"})
-    return Reference(**own, controller="law", validation=1.0)
 
 
 class TestStatistics:

@@ -1,9 +1,8 @@
 """Controllers over a distribution of rigs, and the page of them."""
 
-import json
-
 import numpy as np
 import pytest
+from trainings import controller, training
 
 from agents.__main__ import main
 from agents.commands import robustness
@@ -12,18 +11,21 @@ from agents.control.observed_state import ObservedState
 from agents.control.scene import drawn_but
 from agents.control.trajectories import Trajectories
 from agents.controllers.learned import Learned
-from agents.evaluation.rigs import rigs_of, scores_of, task_of
+from agents.evaluation.rigs import read_robustness, rigs_of, scores_of, task_of
 from agents.evaluation.studies import variants
 from agents.evolution.search import EvolveSettings
 from agents.report.published import published_agents, read_published
 from agents.report.score_pages import ROBUSTNESS as PAGE
 from agents.report.score_pages import robustness_page as page
 from agents.scoring import validation_cost
+from agents.sweeps.results import Results, read_results
 from agents.training.starts import start_of
 from mm_gym import DesignError, MovingMassVectorEnv, load_scene
-from mm_gym.tasks import robust_ids
+from mm_gym.tasks import robust_ids, short_name
 
 VARIANT = "mm_gym/CarriageForceRobust-v0"
+
+SCORES = read_robustness()
 
 
 def test_a_controller_is_told_the_middle_of_what_is_drawn():
@@ -85,8 +87,8 @@ def test_search_on_a_variant_begins_as_a_filter_that_switches_no_more_than_is_kn
 
 @pytest.mark.slow
 def test_the_page_is_that_of_its_scores(monkeypatch, tmp_path, capsys):
-    assert PAGE.read_text("utf-8") == page(json.loads(robustness.DATA.read_text()))
-    for name in ("DATA", "ROBUSTNESS"):
+    assert PAGE.read_text("utf-8") == page(SCORES, read_results())
+    for name in ("FILE", "ROBUSTNESS"):
         monkeypatch.setattr(robustness, name, tmp_path / name)
     monkeypatch.setattr("sys.argv", ["agents", "robustness", "CarriageForceRobust"])
     with pytest.raises(SystemExit) as ended:
@@ -99,19 +101,30 @@ def test_the_page_is_that_of_its_scores(monkeypatch, tmp_path, capsys):
     assert "tasks: got 'CarriageForce'; allowed: " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("high", [0.0, 10.0])
-def test_the_page_says_where_the_intervals_of_agent_and_controller_overlap(high):
-    scores = json.loads(robustness.DATA.read_text())[VARIANT]
-    for row in scores["rows"]:
-        row["low"], row["high"] = row["rigs"], row["rigs"] + high
-    told = f"overlap on {VARIANT.removeprefix('mm_gym/').removesuffix('-v0')}."
-    assert (told in page({VARIANT: scores})) == (high > 0.0)
+@pytest.mark.parametrize(
+    ("factors", "said"),
+    [
+        ((0.8, 0.81, 0.82), "cost less than the best controller by more than the 95 % interval."),
+        ((0.8, 0.98, 1.1), "they cost less, by less than the interval."),
+        ((1.1, 1.2, 1.3), "they cost no less."),
+    ],
+)
+def test_the_page_compares_all_seeds_with_the_best_controller(factors, said):
+    episodes = np.linspace(0.1, 1.0, 100)
+    shared = {"task": VARIANT, "scene_digest": load_scene(VARIANT).digest}
+    rows = [training(episodes * factor, seed, **shared) for seed, factor in enumerate(factors)]
+    best = controller(episodes).model_copy(update=shared)
+    found = page(
+        {VARIANT: SCORES[VARIANT]}, Results(controllers=[best], earlier=[], trainings=rows)
+    )
+    (line,) = [line for line in found.splitlines() if line.endswith(said)]
+    assert line.startswith(f"On {short_name(VARIANT)} ")
+    assert f"| `{short_name(VARIANT)}` | evolution | 3 | " in found
 
 
 def test_scores_are_of_the_present_variants():
-    scores = json.loads(robustness.DATA.read_text())
-    assert list(scores) == [name for name in robust_ids() if name in scores]
-    for name, found in scores.items():
+    assert list(SCORES) == [name for name in robust_ids() if name in SCORES]
+    for name, found in SCORES.items():
         assert found["scene_digest"] == load_scene(name).digest, (
             f"python -m agents robustness {name}"
         )
