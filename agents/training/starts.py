@@ -62,8 +62,8 @@ UNMODELLED = 1e-3, 1e-2, 0.1, 1.0
 episode's first steps need it, and shows more noise."""
 
 CAUTION = 0.1, 1.0, 10.0, 100.0
-"""Factors of the force's weight in these designs: with more the force is clipped less often, of
-which the memory does not know."""
+"""Factors of the force's weight in these designs: with more the force is clipped less often, which
+the regulator does not foresee."""
 
 FINELY = 10.0 ** np.array([-0.75, -0.5, -0.25, 0.25, 0.5, 0.75])
 """Factors of the best of these, that are tried then."""
