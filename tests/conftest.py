@@ -55,8 +55,8 @@ LONGEST = {
 
 SLOW = (Path(__file__).parent / "slow.txt").read_text("utf-8").splitlines()
 """Tests that `make test-slow` runs: long ones, and those for which alone a law of motion is
-compiled. `make test` runs cheaper cases of most, and other laws. A star at the end stands for
-any ending."""
+compiled. `make test` runs cheaper cases of most, and other laws. A test alone stands for all its
+parameters, and a star at the end for any ending."""
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -75,9 +75,8 @@ def pytest_collection_modifyitems(config, items):
     files = {item.nodeid.partition("::")[0] for item in items}
     are_whole = not any("::" in argument for argument in config.args)
     for one in SLOW:
-        start = one.removesuffix("*")
-        named = [name for name in found if name.startswith(start)] if start != one else [one]
-        known = [found[name] for name in named if name in found]
+        starts = one.removesuffix("*") if one.endswith("*") else f"{one}["
+        known = [item for name, item in found.items() if name == one or name.startswith(starts)]
         for item in known:
             item.add_marker(pytest.mark.slow)
         if not known and are_whole and one.partition("::")[0] in files:

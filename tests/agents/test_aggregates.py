@@ -181,7 +181,6 @@ def test_intervals_of_seeds_that_share_their_episodes_cover_other_seeds_and_epis
     assert coverage_of_shared_episodes(1000, *design) >= 0.93
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [2, 3, 4, 10])
 def test_intervals_of_shared_episodes_cover_whatever_scatters_most(seeds):
     spreads = [

@@ -86,13 +86,7 @@ class Killed(Exception):  # noqa: N818 - not an error
     pass
 
 
-@pytest.mark.parametrize(
-    "algorithm",
-    [
-        pytest.param(one, marks=() if one in ("ppo", "td3") else pytest.mark.slow)
-        for one in ALGORITHMS
-    ],
-)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_killed_training_continues_bitwise(algorithm, tmp_path, monkeypatch):
     # Episodes end early and apart, so that lanes of the base are at different steps.
     changes = {"control.steps": 40, "objective.displacement_limit": 0.003}
@@ -117,7 +111,7 @@ def test_killed_training_continues_bitwise(algorithm, tmp_path, monkeypatch):
     assert_same_outcome(broken, whole)
 
 
-@pytest.mark.parametrize("wanted", [2, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("wanted", [2, 10])
 def test_off_policy_runs_killed_at_random_instants_end_as_if_uninterrupted(wanted, tmp_path):
     settings = tiny("sac", base="lqr", evaluations=8)
     whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")
@@ -181,7 +175,6 @@ def test_policy_of_a_base_is_refused_without_it(tmp_path):
         evaluate(parts.scene, parts.controller(policy), episodes=2)
 
 
-@pytest.mark.slow
 def test_training_around_a_law_does_not_lose_it(tmp_path):
     settings = tiny("ppo", base="velocity-feedback", changes={}, steps=1600, evaluations=2)
     run = Run("tiny", tmp_path)

@@ -48,7 +48,6 @@ def assert_continues(run, other):
     assert run.metrics.read_text() == other.metrics.read_text()
 
 
-@pytest.mark.slow
 def test_full_disk_is_named_and_the_run_continues_when_there_is_room(
     uninterrupted, tmp_path, monkeypatch
 ):

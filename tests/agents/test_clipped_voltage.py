@@ -101,7 +101,6 @@ def test_force_is_that_of_the_damper_in_motion():
     assert np.mean(np.sign(guess) == np.sign(true)) > 0.97
 
 
-@pytest.mark.slow
 def test_it_costs_less_than_every_constant_voltage():
     """Also the best in hindsight; between 0 and 1 V lies the optimum (docs/controllers.md)."""
     constant = [held(SCENE, "voltage", v) for v in (*np.linspace(0.0, 1.0, 9), MOST)]
@@ -208,7 +207,6 @@ class Law(ClippedVoltage):
 SMALL = {"candidates": 4, "episodes": 4, "generations": 2, "evaluations": 1, "threads": 1}
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("untuned")
 def test_agents_are_evaluated_and_evolved(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -407,7 +407,6 @@ def test_controllers_that_do_not_apply_say_why_and_the_others_are_scored(
     assert str(command.main()).startswith("error: force.toml: lqr: not scored: sensors.channels")
 
 
-@pytest.mark.slow
 def test_no_stretch_is_tuned_by_sensors_that_do_not_show_the_sphere(tmp_path) -> None:
     file = tmp_path / "stretch.toml"
     file.write_text(

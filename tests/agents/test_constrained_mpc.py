@@ -51,7 +51,6 @@ def largest(scene, law, lanes=16):
     return found
 
 
-@pytest.mark.slow
 def test_constrained_plan_is_that_of_another_solver() -> None:
     steps, penalty, force = 8, 3.0, QUIET.actuation.force.limit
     bounds = np.array([0.006, 0.05, 1.5])
@@ -130,7 +129,6 @@ def test_limits_are_of_the_scene_unless_stated() -> None:
     assert constrained_mpc(scene).name == "linear MPC, 30 steps ahead, within limits"
 
 
-@pytest.mark.slow
 def test_no_episode_ends_early_within_limits() -> None:
     # Wind and ground are unknown to the plan, and strong here: what it leaves of the rail is for
     # them.

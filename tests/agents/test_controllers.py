@@ -90,7 +90,6 @@ def constant_of_pre_stretch() -> Controller:
     return best_constant(PRE_STRETCH)
 
 
-@pytest.mark.slow
 def test_classical_laws_rank_as_theory_says() -> None:
     controllers = (
         constant_of_pre_stretch(),
@@ -108,7 +107,6 @@ def test_classical_laws_rank_as_theory_says() -> None:
     assert matching == pytest.approx(0.31, abs=0.03)
 
 
-@pytest.mark.slow
 def test_best_constant_stretch_is_not_beaten_by_a_finer_grid() -> None:
     best = constant_of_pre_stretch()
     cost = evaluate(PRE_STRETCH, best, episodes=100).cost
@@ -122,10 +120,7 @@ def test_best_constant_stretch_is_not_beaten_by_a_finer_grid() -> None:
     assert cost <= min(others) * 1.01
 
 
-EACH_TASK = pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=() if "Carriage" in name else pytest.mark.slow) for name in TASKS],
-)
+EACH_TASK = pytest.mark.parametrize("name", TASKS)
 
 
 def test_regulator_beats_no_control_on_the_yardstick() -> None:

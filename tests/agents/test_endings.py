@@ -95,7 +95,6 @@ def test_time_budget_that_ends_a_run_is_told_last_and_kept(module, arguments, co
     assert lines_of(module, *arguments, *budget)[-1] == lines[-1]
 
 
-@pytest.mark.slow
 def test_run_ended_by_time_goes_on_without_a_budget(lines_of):
     arguments = ["CarriageForce", "--generations", "3", "--candidates", "4", "--episodes", "2"]
     lines_of(evolve, *arguments, "--time-budget", "1e-9")
@@ -104,7 +103,6 @@ def test_run_ended_by_time_goes_on_without_a_budget(lines_of):
     assert not any("budget" in line for line in lines)
 
 
-@pytest.mark.slow
 def test_searches_of_one_task_do_not_take_each_others_folder(lines_of):
     lines_of(evolve, "PreStretchShock", *SHORT["evolve"])
     lines_of(descend, "PreStretchShock", *SHORT["descend"])
@@ -125,13 +123,11 @@ class TestLateNoisyFrame:
 
         return {law: cost(law) for law in ("regulator", "lqg", "none", "auto")}
 
-    @pytest.mark.slow
     def test_auto_begins_as_what_is_best_there(self, frame):
         costs = self.costs(frame)
         assert costs["none"] == validation_cost(frame, ConstantAction(frame))
         assert costs["auto"] == costs["lqg"] < 0.7 * costs["none"] < costs["regulator"]
 
-    @pytest.mark.slow
     @pytest.mark.parametrize("module", [evolve, descend])
     def test_search_ends_at_its_best_start_or_below(self, module, frame, lines_of):
         short = SHORT[module.__name__.split(".")[-1]]

@@ -191,7 +191,6 @@ def test_help_is_printed_and_nothing_else_is_done(command, folder, monkeypatch, 
     assert sorted(folder.rglob("*")) == before
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("words", ["agents headroom Hybrit", "agents.headroom Hybrit"])
 def test_error_ends_with_the_status_of_a_wrong_flag_and_no_traceback(words):
     done = subprocess.run(

@@ -344,7 +344,6 @@ class TestRuns:
         # No control costs 0.105 and the optimal regulator 0.0483.
         assert cost < 0.055
 
-    @pytest.mark.slow
     def test_same_seed_writes_the_same_metrics(self, unbroken, tmp_path):
         run = Run("tiny", tmp_path)
         evolve(TINY, run)
@@ -358,7 +357,6 @@ class TestRuns:
         assert rows[0] == "steps [-],cost [-]"
         assert [row.split(",")[0] for row in rows[1:]] == ["0.0", "12800.0", "25600.0", "38400.0"]
 
-    @pytest.mark.slow
     def test_run_interrupted_in_any_generation_ends_as_if_unbroken(
         self, unbroken, tmp_path, monkeypatch
     ):
@@ -410,7 +408,6 @@ class TestRuns:
         left = {path.name for path in run.folder.iterdir()}
         assert left == {path.name for path in unbroken.folder.iterdir()}
 
-    @pytest.mark.slow
     def test_finished_run_goes_on_with_more_generations(self, unbroken, tmp_path):
         run = Run("tiny", tmp_path)
         evolve(changed(generations=8, evaluations=2), run)

@@ -53,7 +53,6 @@ def test_hybrid_costs_a_twentieth_less_with_feed_forward_from_the_observation():
     assert np.mean(with_it.penalties < without.penalties) >= 0.8
 
 
-@pytest.mark.slow
 def test_commands_know_its_name_where_there_is_noise():
     still = HYBRID.replace(excitation=[], randomization={})
     assert set(laws(HYBRID)) - set(laws(still)) == {"feedforward-lqr-and-clipped-lqr"}

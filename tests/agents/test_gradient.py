@@ -285,7 +285,6 @@ class TestGradients:
         most = 2.0 * 10.0  # the median is 2
         np.testing.assert_allclose(factors, [1.0, 1.0, most / 1e30, 1.0, 1.0])
 
-    @pytest.mark.slow
     def test_torch_fades_what_is_remembered_as_the_own_way_back_does(self, monkeypatch):
         monkeypatch.setattr(network, "REAL", np.float64)
         settings = TINY.model_copy(
@@ -344,7 +343,6 @@ def assert_same_outcome(run, other):
 
 
 class TestRuns:
-    @pytest.mark.slow
     def test_training_betters_its_law_within_seconds(self, tmp_path):
         task = "mm_gym/PreStretchNoise-v0"
         settings = GradientSettings(task=task, episodes=64, iterations=20, evaluations=1)
@@ -436,7 +434,6 @@ class TestRuns:
         # Forty steps add the round-off of single precision and the gates' changes of each.
         np.testing.assert_allclose(found, SMALL * want, rtol=0.0, atol=1e-3 * np.abs(want).max())
 
-    @pytest.mark.slow
     def test_recurrent_run_interrupted_ends_as_if_unbroken_and_is_exported(
         self, tmp_path, monkeypatch
     ):
@@ -472,7 +469,6 @@ class TestRuns:
         descend(TINY, run)
         assert_same_outcome(run, unbroken)
 
-    @pytest.mark.slow
     def test_run_killed_ten_times_at_random_instants_ends_as_if_unbroken(self, tmp_path):
         settings = TINY.model_copy(update={"iterations": 3000})
         whole = Run("tiny", tmp_path / "whole")

@@ -54,7 +54,6 @@ def test_no_fixed_action_beats_the_best_constant(name) -> None:
     assert costs["constant"] <= costs["zero"] * 1.001
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_scores_come_out_again(name) -> None:
     again = {(row["role"], row["controller"]): row for row in headroom(TASKS[name]).rows}
@@ -114,7 +113,6 @@ def test_planner_is_not_worse_than_what_it_starts_from_in_any_episode() -> None:
     assert np.all(planned.penalties <= law.penalties * (1.0 + 1e-9))
 
 
-@pytest.mark.slow
 def test_random_changes_better_plans_that_steps_of_gauss_and_newton_leave() -> None:
     scene = TASKS["mm_gym/PreStretchShock-v0"].replace(**{"control.steps": 80})
     ended = Effort(random=2, rounds=0, searches=0, last=200)
@@ -145,7 +143,6 @@ def test_random_changes_keep_off_ends_and_say_what_is_applied() -> None:
     assert np.all(found < before)
 
 
-@pytest.mark.slow
 def test_plans_also_start_from_controllers_with_other_numbers(monkeypatch) -> None:
     scene = TASKS["mm_gym/CarriageForceFriction-v0"]
     monkeypatch.setattr("agents.evaluation.headroom.VARIED", 6)
@@ -244,7 +241,6 @@ def test_check_names_the_episodes_in_which_a_run_is_better_than_the_plan(
     assert "no scores of the present scene" in str(command.main())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_no_law_is_better_than_the_best_known_plan_in_any_episode(name) -> None:
     controllers = [controller for _, controller in controllers_of(TASKS[name])]

@@ -57,7 +57,6 @@ def test_log_has_the_validations_and_what_each_round_told(name, tmp_path):
         assert found[own][-1].step == steps[-1]
 
 
-@pytest.mark.slow
 def test_continued_run_adds_what_is_new(tmp_path):
     run = Run("a", tmp_path)
     evolve(EVOLVE, run, bar=False)

@@ -33,7 +33,6 @@ EPISODES = 50_000
 """The first ten thousand alone are 2.3 standard errors off."""
 
 
-@pytest.mark.slow
 def test_cost_is_the_riccati_equations_in_the_interval_of_fifty_thousand_episodes():
     law = LQG(NOISY, unmodelled=1e-6)
     env = MovingMassVectorEnv(NOISY, EPISODES, autoreset_mode="Disabled")
@@ -91,7 +90,6 @@ def test_without_noise_and_late_it_costs_what_the_regulator_of_the_true_state_do
     assert (expected.reads, found.reads) == ("full state", "observation")
 
 
-@pytest.mark.slow
 def test_baselines_have_an_lqg_where_one_can_be_designed():
     assert "LQG" in [one.name for one in baselines(CARRIAGE_FORCE).controllers]
     found, not_scored = baselines(CARRIAGE_FORCE_FRICTION)

@@ -53,7 +53,6 @@ def test_rolled_out_cost_equals_the_riccati_cost(springs: dict, stroke_weight: f
     np.testing.assert_allclose(-total, expected, rtol=1e-9)
 
 
-@pytest.mark.slow
 def test_no_perturbed_gain_beats_the_regulator() -> None:
     scene = LONG.replace(**{"control.steps": 600})
     solution = design(scene)

@@ -37,7 +37,6 @@ def test_linear_plant_costs_what_the_riccati_equation_says():
     assert planned.cost >= 0.99 * optimal.cost
 
 
-@pytest.mark.slow
 def test_friction_costs_a_third_of_the_best_constant_from_the_observation():
     law = NewtonPredictiveControl(CARRIAGE_FORCE_FRICTION)
     planned = evaluate(CARRIAGE_FORCE_FRICTION, Feedback(CARRIAGE_FORCE_FRICTION, law), episodes=8)
@@ -50,7 +49,6 @@ def test_friction_costs_a_third_of_the_best_constant_from_the_observation():
     assert planned.cost < 0.36 * still.cost
 
 
-@pytest.mark.slow
 def test_hybrid_uses_what_the_filter_of_the_soil_tells_in_advance():
     scene = HYBRID.replace(**{"control.steps": 120})
     law, blind = NewtonPredictiveControl(scene), NewtonPredictiveControl(scene)
@@ -81,7 +79,6 @@ def test_plans_by_chance_stay_on_the_rail():
     assert strokes[0] < scene.objective.rail_half_length < strokes[1]
 
 
-@pytest.mark.slow
 def test_errors_of_late_estimates_are_not_taken_for_excitation():
     scene = late(TASKS["mm_gym/ActiveMassDamper-v0"].replace(**{"control.steps": 150}))
     law, blind = NewtonPredictiveControl(scene), NewtonPredictiveControl(scene)

@@ -164,7 +164,6 @@ def test_loading_a_run_never_executes_its_reward(reward, tmp_path):
         command.report_run(run, episodes=2, trust=True)
 
 
-@pytest.mark.slow
 def test_run_is_scored_by_the_reward_that_is_asked_for(reward, tmp_path, monkeypatch):
     run = finished(tmp_path, reward)
     monkeypatch.setattr(
@@ -177,7 +176,6 @@ def test_run_is_scored_by_the_reward_that_is_asked_for(reward, tmp_path, monkeyp
         np.testing.assert_array_equal(4.0 * one.penalties, other.penalties)
 
 
-@pytest.mark.slow
 def test_comparison_is_by_the_reward(reward):
     names = ("lqr", "velocity-feedback")
     field = read_field(names, ("CarriageForce",), reward)

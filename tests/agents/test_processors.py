@@ -1,6 +1,5 @@
 """A search repeats bit by bit, whatever processor its kernels are compiled for."""
 
-import pytest
 from kernel_modules import start
 
 PROCESSORS = ("generic", "")
@@ -55,14 +54,12 @@ def outputs(program, folder):
         yield out
 
 
-@pytest.mark.slow
 def test_network_of_the_search_has_the_same_outputs_on_every_processor(tmp_path):
     general, own = outputs(NETWORK, tmp_path)
     assert len(own) > 1000
     assert general == own
 
 
-@pytest.mark.slow
 def test_search_has_the_same_costs_on_every_processor(tmp_path):
     general, own = outputs(EVOLUTION, tmp_path)
     assert own.count("\n") > 2

@@ -153,7 +153,6 @@ def test_laws_of_a_scene_have_an_action_for_each_actuator(scene):
     assert names[actuators] <= set(applicable)
 
 
-@pytest.mark.slow  # most laws are tuned first
 @pytest.mark.parametrize("name", TASKS)
 def test_every_law_of_a_task_plays(name):
     scene = TASKS[name]

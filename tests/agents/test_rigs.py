@@ -38,7 +38,6 @@ def test_a_controller_is_told_the_middle_of_what_is_drawn():
     )
 
 
-@pytest.mark.slow
 def test_rows_are_of_the_rigs_and_of_the_task_with_each_delay():
     rows = scores_of(VARIANT, {})
     assert {row["role"] for row in rows} == {"zero", "constant", "controller"}
@@ -69,7 +68,6 @@ def test_agents_are_the_published_policies_of_the_task_and_of_the_variant():
     assert {one for one, _ in found} == {task, VARIANT}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["PreStretchShockRobust", "PreStretchNoiseRobust"])
 def test_search_on_a_variant_begins_as_a_filter_that_switches_no_more_than_is_known(name):
     variant = f"mm_gym/{name}-v0"
@@ -85,7 +83,6 @@ def test_search_on_a_variant_begins_as_a_filter_that_switches_no_more_than_is_kn
     assert cost < 1.01 * plain  # which is no control under noise
 
 
-@pytest.mark.slow
 def test_the_page_is_that_of_its_scores(monkeypatch, tmp_path, capsys):
     assert PAGE.read_text("utf-8") == page(SCORES, read_results())
     for name in ("FILE", "ROBUSTNESS"):

@@ -82,7 +82,7 @@ def measured(folder):
 
 
 class TestKills:
-    @pytest.mark.parametrize("kills_wanted", [2, pytest.param(100, marks=pytest.mark.slow)])
+    @pytest.mark.parametrize("kills_wanted", [2, 100])
     def test_runs_killed_at_random_instants_end_as_if_uninterrupted(
         self, uninterrupted, tmp_path, kills_wanted
     ):
@@ -107,7 +107,6 @@ class TestKills:
         left = {path.name for path in (root / "tiny").iterdir()}
         assert left == {".lock", "tensorboard", *(p.name for p in written(uninterrupted))}
 
-    @pytest.mark.slow
     def test_run_killed_before_each_touch_of_a_file_ends_as_if_uninterrupted(
         self, uninterrupted, tmp_path
     ):
@@ -122,7 +121,6 @@ class TestKills:
         assert 20 < touches < 199
 
 
-@pytest.mark.slow
 def test_evolution_killed_ten_times_at_random_instants_ends_as_if_uninterrupted(tmp_path):
     settings = EvolveSettings(
         task=TINY.task,
@@ -253,7 +251,6 @@ class TestTwoTrainingsOfOneName:
 
 
 class TestNames:
-    @pytest.mark.slow
     def test_demo_keeps_finished_runs_and_numbers_new_ones(self, tmp_path, monkeypatch):
         file = tmp_path / "demo.toml"
         file.write_text('name = "show"\nsteps = 200\n')

@@ -306,7 +306,6 @@ def test_device_only_absorbs_power_under_every_law_and_network(of):
         require_passive(scene, controller, 5)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("of", OF)
 def test_device_only_absorbs_power_in_ten_thousand_episodes(of):
     scene = watched(of, 200)
@@ -323,7 +322,6 @@ TRAININGS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", TRAININGS)
 def test_device_only_absorbs_power_under_a_trained_network(tmp_path, kind):
     changes = {**SHOWN, "control.steps": 250}
@@ -363,7 +361,6 @@ def test_plans_begin_at_the_laws_and_are_not_worse_in_any_episode():
     assert planned.cost < 0.97 * np.sqrt(least.mean())
 
 
-@pytest.mark.slow
 def test_predictive_control_plans_for_a_damping_and_for_a_force_between_the_masses():
     force = {"limit": 0.5, "between": "masses"}
     pushed = scene_of(actuation={"force": force}, **{"objective.effort_weight": 0.01})
@@ -468,7 +465,6 @@ def test_damper_and_force_in_parallel_share_the_regulators_force():
     assert "in parallel" in obstacle("clipped-optimal-and-force", ground)
 
 
-@pytest.mark.slow
 def test_every_law_is_tuned_and_named():
     scene = scene_of(**{"control.steps": 5})
     found = classical_laws(scene)

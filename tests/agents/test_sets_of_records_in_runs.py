@@ -106,7 +106,6 @@ def test_trainings_draw_from_a_set(folder, call, monkeypatch, command, motions):
     assert run.read()["scene_digest"] == load_scene("scene.toml").digest
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*records? lasts?.*")
 def test_comparison_of_a_set_is_the_same_from_everywhere(folder, call, monkeypatch, tmp_path):
     monkeypatch.setattr("os.cpu_count", lambda: 1)
@@ -128,7 +127,6 @@ def test_comparison_of_a_set_is_the_same_from_everywhere(folder, call, monkeypat
     assert "trained on" not in rows[0]
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*records? lasts?.*")
 def test_run_is_not_continued_with_other_records_and_loses_nothing(folder, call):
     call(*EVOLVE, "1")
@@ -164,7 +162,6 @@ def test_scene_of_a_file_is_the_same_in_another_folder(folder, monkeypatch, tmp_
     assert load_scene("other/scene.toml").digest != scene.digest
 
 
-@pytest.mark.slow  # trainings of two kinds, in processes of their own
 @pytest.mark.filterwarnings("ignore:.*records? lasts?.*")
 def test_sweep_and_search_of_settings_draw_from_a_set(folder, call):
     pytest.importorskip("optuna")
@@ -195,7 +192,6 @@ def test_recorded_episodes_are_played_again_in_another_folder(call, monkeypatch,
         assert np.array_equal(seen, episode.observations)
 
 
-@pytest.mark.slow  # each process imports all anew
 @pytest.mark.usefixtures("folder")
 @pytest.mark.filterwarnings("ignore:.*records? lasts?.*")
 @pytest.mark.parametrize("method", ["spawn", "forkserver"])

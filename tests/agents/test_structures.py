@@ -90,11 +90,7 @@ def settings_for(name: str, **changes: object) -> EvolveSettings:
 
 @pytest.mark.parametrize(
     ("name", "law"),
-    [
-        ("frame", "lqg"),
-        pytest.param("stage", "lqg", marks=pytest.mark.slow),
-        pytest.param("five_storeys", "switching", marks=pytest.mark.slow),
-    ],
+    [("frame", "lqg"), ("stage", "lqg"), ("five_storeys", "switching")],
 )
 def test_search_begins_no_worse_than_the_controller_that_suits(name: str, law: str):
     scene = structure(name)
@@ -133,7 +129,6 @@ BOTH = {
 """Both actuators, and two late displacements that show neither velocity nor stretch."""
 
 
-@pytest.mark.slow
 def test_force_begins_as_an_lqg_where_springs_are_tuned_too():
     scene = Scene.of(BOTH)
     start = start_of(scene, settings_for("frame"), np.random.default_rng(0))
@@ -183,7 +178,6 @@ def test_descent_begins_with_the_floor_that_fits_the_signals():
     assert found < 0.8 * validation_cost(scene, Learned(start.policy()))
 
 
-@pytest.mark.slow
 def test_descent_begins_with_a_filter_that_settles_where_the_stationary_one_is_slow():
     scene, settings = structure("quarter_car"), settings_for("quarter_car")
     start = start_of(scene, settings, np.random.default_rng(0))
@@ -193,7 +187,6 @@ def test_descent_begins_with_a_filter_that_settles_where_the_stationary_one_is_s
     assert costs[1] < 0.99 * costs[0]
 
 
-@pytest.mark.slow
 def test_late_start_recalls_the_actions_that_no_frame_shows_yet():
     scene, steps = structure("pre_stretch"), 3  # a step late, and three frames
     start = start_of(scene, settings_for("pre_stretch"), np.random.default_rng(0))
@@ -209,7 +202,6 @@ def test_late_start_recalls_the_actions_that_no_frame_shows_yet():
     assert not start.direct[:, -steps - 1 : -1].any()
 
 
-@pytest.mark.slow
 def test_sizes_of_what_a_network_reads_and_does_are_of_order_one():
     scene = structure("stage")
     start = start_of(scene, settings_for("stage"), np.random.default_rng(0))
@@ -259,7 +251,6 @@ def test_predictive_control_is_best_only_where_it_costs_less_on_all_episodes(
     assert best_of.best_controller(scene, plans=False).name == "lqg"
 
 
-@pytest.mark.slow
 def test_steps_of_a_descent_are_of_the_size_of_each_parameter():
     small = {"law": "lqg", "hidden": 2, "oscillators": 1, "episodes": 4, "iterations": 9}
     settings = GradientSettings.of({"scene": str(FOLDER / "stage.toml"), "name": "s", **small})
@@ -281,7 +272,6 @@ def test_steps_of_a_descent_are_of_the_size_of_each_parameter():
     assert search.sizes["enter"].max() / search.sizes["enter"].min() > 3.0
 
 
-@pytest.mark.slow
 def test_slopes_stay_bounded_where_only_the_loop_with_the_motion_is_stable():
     small = {"law": "lqg", "hidden": 2, "oscillators": 1, "episodes": 16, "iterations": 9}
     settings = GradientSettings.of({"scene": str(FOLDER / "frame.toml"), "name": "f", **small})
@@ -364,7 +354,6 @@ def test_searches_of_a_time_budget_are_validated_at_equal_times():
     assert due == [3.0, 6.0, 9.0, 12.0]
 
 
-@pytest.mark.slow
 def test_shocks_are_followed_where_only_a_force_acts():
     small = {"law": "lqg", "hidden": 2, "oscillators": 1, "episodes": 16, "iterations": 9}
     settings = GradientSettings.of({"scene": str(FOLDER / "hardening_mount.toml"), **small})
@@ -474,7 +463,6 @@ def random_structure(seed: int) -> Scene:
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_start_is_as_good_as_controllers_on_structures_never_seen(seed: int):
     scene = random_structure(seed)

@@ -66,7 +66,6 @@ def test_changed_scenes_are_what_they_are_called(tmp_path) -> None:
     check_records([CARRIAGE_FORCE], Records((record,)))
 
 
-@pytest.mark.slow
 def test_record_in_g_is_refused_with_the_flag_and_read_with_it(
     tmp_path, monkeypatch, capsys
 ) -> None:
@@ -88,7 +87,6 @@ def test_record_in_g_is_refused_with_the_flag_and_read_with_it(
     assert "--unit: got 'g' without --records" in command.main()
 
 
-@pytest.mark.slow
 def test_controllers_are_not_told_of_the_change(tmp_path) -> None:
     rows = [
         Entry("lqr", [Feedback(CARRIAGE_FORCE, LQR(CARRIAGE_FORCE))]),
@@ -123,7 +121,6 @@ def test_closed_loop_of_no_control_is_the_frequency_response(tmp_path) -> None:
     assert (tmp_path / "frequency.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
 def test_velocity_feedback_is_a_damper_at_every_amplitude_within_its_limit() -> None:
     scene, gain = CARRIAGE_FORCE.replace(**{"control.time_step": 0.001}), 5.0
     found = closed_loop(scene, Feedback(scene, VelocityFeedback(scene, gain)), "damper")
@@ -163,7 +160,6 @@ def test_effort_is_of_the_episodes_of_the_comparison() -> None:
     assert still.indices["j4"] == pytest.approx(1.0, rel=1e-6)
 
 
-@pytest.mark.slow
 def test_studies_are_written_with_the_comparison(tmp_path) -> None:
     record = tmp_path / "motion.csv"
     record.write_text("0.0,0.5\n0.1,-0.5\n0.2,0.1\n")

@@ -85,7 +85,6 @@ def test_every_combination_is_a_training_of_its_own_name():
     assert {trial.steps for trial in trials} == {10}
 
 
-@pytest.mark.slow
 def test_evolution_is_an_algorithm_with_settings_of_its_own(tmp_path):
     settings = SweepSettings(
         tasks=("CarriageForce", "PreStretch"),
@@ -252,7 +251,6 @@ def here(work, _, report):
         report(number, None)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("untuned")
 def test_common_scene_reaches_every_algorithm_and_another_one_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "work_here", here)

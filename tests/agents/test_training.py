@@ -50,7 +50,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run
 
 
-@pytest.mark.slow
 def test_training_with_one_seed_repeats_itself(finished: Run, tmp_path: Path) -> None:
     again = Run("quick", tmp_path)
     train(QUICK, again)

@@ -53,7 +53,6 @@ def here(trials, _, report):
         report(number, None)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("untuned")
 def test_blocks_of_the_page_do_what_it_says(tmp_path, monkeypatch):
     # The laws are tuned for a report too, which takes longer than all else here.

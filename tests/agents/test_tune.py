@@ -40,7 +40,6 @@ def test_trainings_that_their_time_ended_are_told(tmp_path):
     assert told.endswith("the first after 1,000 of 9,000 control steps")
 
 
-@pytest.mark.slow
 def test_best_trial_is_a_file_of_settings_and_more_trials_go_on(tmp_path):
     path = tune(QUICK, tmp_path)
     study = study_of(path.parent)
@@ -80,7 +79,7 @@ def outcome(folder):
     return {path.relative_to(folder): path.read_text() for path in files}
 
 
-@pytest.mark.parametrize("wanted", [1, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("wanted", [1, 10])
 def test_study_killed_at_random_instants_ends_as_if_uninterrupted(wanted, tmp_path):
     settings = QUICK.model_copy(update={"trials": 1 + wanted // 2, "evaluations": 4})
     whole, broken = tmp_path / "whole", tmp_path / "broken"
@@ -100,14 +99,12 @@ def test_study_killed_at_random_instants_ends_as_if_uninterrupted(wanted, tmp_pa
     assert len(states) - states.count("FAIL") == settings.trials
 
 
-@pytest.mark.slow
 def test_trial_behind_the_median_is_pruned(tmp_path, monkeypatch):
     monkeypatch.setattr(optuna.Trial, "should_prune", lambda trial: trial.number == 1)
     path = tune(QUICK, tmp_path)
     assert [trial.state.name for trial in study_of(path.parent).trials] == ["COMPLETE", "PRUNED"]
 
 
-@pytest.mark.slow
 def test_validations_of_trials_with_other_rollouts_are_compared(tmp_path):
     path = tune(QUICK.model_copy(update={"trials": 4}), tmp_path)
     trials = study_of(path.parent).trials
@@ -117,7 +114,6 @@ def test_validations_of_trials_with_other_rollouts_are_compared(tmp_path):
         assert set(trial.intermediate_values) in ({1, 2}, {2})
 
 
-@pytest.mark.slow
 def test_best_file_says_the_command_and_is_written_plainly(tmp_path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["tune", "CarriageForce", "--name", "a b"])
     changes = {"control.steps": 20}

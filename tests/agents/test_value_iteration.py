@@ -112,7 +112,6 @@ class TestValues:
         scales = np.array([[0.0025], [0.01], [0.15], [0.15]])
         return own.problem.reads[:4, 1:5] @ (relative / scales)
 
-    @pytest.mark.slow
     def test_value_is_what_the_episode_then_costs(self):
         scene = SHOCK.replace(**FREE)
         own = swept(scene, points=13, stretches=9, sweeps=120)
@@ -133,7 +132,6 @@ class TestValues:
         np.testing.assert_allclose(predicted, paid, rtol=0.06)
         assert np.sum(predicted) == pytest.approx(np.sum(paid), rel=0.01)
 
-    @pytest.mark.slow
     def test_mean_cost_with_impulses_is_that_of_long_episodes(self):
         scene = SHOCK.replace(**{"excitation.0.time": None, "control.steps": 2000})
         own = swept(scene, points=9, stretches=9, sizes=6, sweeps=240)
@@ -146,7 +144,6 @@ class TestValues:
         assert error < 0.1 * own.mean
         assert own.mean == pytest.approx(paid.mean(), abs=error)
 
-    @pytest.mark.slow
     def test_law_is_better_than_every_network_and_a_finer_grid_is_better_still(self):
         costs = [
             evaluate(

@@ -82,7 +82,6 @@ def charts(page):
     return json.loads("".join(parts))
 
 
-@pytest.mark.slow
 def test_page_is_well_formed_and_names_nothing_elsewhere(page):
     found = Elements(page)
     assert found.links == ["data:,"]
@@ -174,7 +173,6 @@ def test_provenance_tells_scene_and_run(page):
     assert "numba" in text
 
 
-@pytest.mark.slow
 def test_same_command_writes_the_same_page(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run(tmp_path / "runs" / "agent")

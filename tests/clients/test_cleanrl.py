@@ -1,9 +1,7 @@
 """Does the page on CleanRL work as it is printed?"""
 
-import pytest
 from pages import run_page
 
 
-@pytest.mark.slow
 def test_blocks_of_the_page_run(tmp_path):
     assert run_page("cleanrl", tmp_path).strip() == "[100 100]"

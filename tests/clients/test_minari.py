@@ -1,10 +1,8 @@
 """Does the page on Minari work as it is printed?"""
 
-import pytest
 from pages import run_page
 
 
-@pytest.mark.slow
 def test_blocks_of_the_page_run(tmp_path):
     printed = run_page("minari", tmp_path)
     assert "(101, 4) (100, 1)" in printed

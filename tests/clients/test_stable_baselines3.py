@@ -15,7 +15,6 @@ LANES, STEPS = 6, 200
 ACTION_ROUNDING = 4 * ROUNDING
 
 
-@pytest.mark.slow
 def test_blocks_of_the_page_run(tmp_path):
     assert "return -" in run_page("stable-baselines3", tmp_path)
 

@@ -160,7 +160,7 @@ def slow_episode(seed, episode, actions):
     return np.array(observed), drawn
 
 
-@pytest.mark.parametrize("count", [40, pytest.param(500, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [40, 500])
 def test_two_episodes_a_lane_are_those_of_a_slow_simulation(count):
     env = MovingMassVectorEnv(SCENE, count)
     factors = np.array([channel.factor for channel in env.plant.observed])

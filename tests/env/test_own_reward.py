@@ -162,7 +162,6 @@ def test_gymnasium_and_stable_baselines_take_the_reward():
     np.testing.assert_array_equal(adapter.step(action)[1], rewards.astype(np.float32))
 
 
-@pytest.mark.slow
 def test_reward_of_a_file_is_in_the_specification(tmp_path):
     (tmp_path / "own.py").write_text(TEXT)
     env = gymnasium.make(NAME, reward=f"{tmp_path}/own.py:cost")

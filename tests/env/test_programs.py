@@ -55,7 +55,6 @@ def samples(envs, steps=20):
     return np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
 
 
-@pytest.mark.slow
 def test_asynchronous_vector_agrees_with_the_native_one(assert_same):
     # Processes take a second to start, so one task stands for all; it is the one with everything.
     name = "mm_gym/Hybrid-v0"

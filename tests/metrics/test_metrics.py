@@ -64,13 +64,7 @@ def fine_motion(name):
     return scene, motion, starts
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(one, marks=() if one in ("force", "cubic spring") else pytest.mark.slow)
-        for one in SCENES
-    ],
-)
+@pytest.mark.parametrize("name", SCENES)
 def test_peaks_and_root_mean_squares_are_those_of_the_motion_looked_at_closely(name):
     scene, motion, rows = fine_motion(name)
     found = metrics.response(motion)

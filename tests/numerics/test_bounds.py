@@ -62,9 +62,7 @@ PARTS = {
 }
 
 
-@pytest.mark.parametrize(
-    "seed", [pytest.param(one, marks=pytest.mark.slow if one in (97, 214) else ()) for one in WORST]
-)
+@pytest.mark.parametrize("seed", WORST)
 def test_scenes_that_exceeded_their_bound_keep_it(seed, tmp_path):
     assert outcome(seed, tmp_path).excess <= 1.0
 
@@ -84,7 +82,6 @@ def test_random_scenes_keep_their_bounds(tmp_path):
     assert _exceeding(range(60), tmp_path) == []
 
 
-@pytest.mark.slow
 def test_a_thousand_random_scenes_keep_their_bounds(tmp_path):
     assert _exceeding(range(1000), tmp_path) == []
 

@@ -21,7 +21,6 @@ SCENES = {name: lanes.SCENES[name] for name in ("PreStretch-v0", "Hybrid-v0")} |
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_kernels_written_by_hand_converge_to_the_motion(scene: Scene) -> None:
     count = len(compile_scene(scene).actuators)

@@ -237,11 +237,9 @@ def _sweep(seeds: range) -> list[str]:
     return wrong
 
 
-@pytest.mark.slow
 def test_random_scenes_over_ten_decades_are_right_or_refused() -> None:
     assert _sweep(range(200)) == []
 
 
-@pytest.mark.slow
 def test_ten_thousand_random_scenes_are_right_or_refused() -> None:
     assert _sweep(range(10_000)) == []

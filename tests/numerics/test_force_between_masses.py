@@ -41,23 +41,6 @@ EXCITATION = {
         {"kind": "harmonic", "target": "ground", "amplitude": 2.0, "frequency": 55.0},
     ],
 }
-QUICK = (
-    ("linear", "viscous", "small"),
-    ("linear", "friction", "none"),
-    ("linear", "none", "none"),
-    ("cubic", "stribeck", "small"),
-    ("cubic", "friction", "finite"),
-)
-"""Combinations with each part once; each compiles its own kernels."""
-
-
-def quick(combinations):
-    """Return parameters of a test, those of other combinations slow."""
-    return [
-        pytest.param(*one, marks=() if one in QUICK else pytest.mark.slow) for one in combinations
-    ]
-
-
 GROUND = np.array([[0.0, 0.0], [0.013, 1.5], [0.03, -2.0], [0.041, 0.7], [0.2, 0.0]])
 STRETCH = {"actuation.stretch": {"minimum": 1.0, "maximum": 3.0}}
 
@@ -108,7 +91,7 @@ def require_balance(found):
 @pytest.mark.parametrize("excitation", EXCITATION)
 @pytest.mark.parametrize(
     ("carriage", "interface", "springs"),
-    quick(product(("linear", "cubic"), INTERFACES, SPRINGS)),
+    list(product(("linear", "cubic"), INTERFACES, SPRINGS)),
 )
 def test_motion_is_that_of_the_equations(carriage, interface, springs, excitation):
     scene, (forces, _) = scene_of(carriage, interface, springs, excitation), commands()
@@ -123,7 +106,7 @@ def test_motion_is_that_of_the_equations(carriage, interface, springs, excitatio
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("ground", [None, GROUND], ids=["still", "ground"])
 @pytest.mark.parametrize("carriage", ["linear", "cubic"])
-@pytest.mark.parametrize("interface", ["viscous", pytest.param("friction", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("interface", ["viscous", "friction"])
 def test_every_method_knows_it_with_a_stretch_that_moves(name, ground, carriage, interface):
     applies = {
         "splitting": carriage == "cubic" and interface == "viscous" and ground is None,
@@ -246,15 +229,13 @@ def test_regulator_is_that_of_an_own_riccati_equation():
 @pytest.mark.parametrize("excitation", EXCITATION)
 @pytest.mark.parametrize(
     ("carriage", "interface", "springs"),
-    quick(
-        [
-            *(("linear", interface, "small") for interface in ("viscous", "friction", "stribeck")),
-            *(("cubic", interface, "small") for interface in ("viscous", "friction")),
-            ("cubic", "viscous", "none"),
-            ("cubic", "friction", "finite"),
-            ("linear", "none", "none"),
-        ]
-    ),
+    [
+        *(("linear", interface, "small") for interface in ("viscous", "friction", "stribeck")),
+        *(("cubic", interface, "small") for interface in ("viscous", "friction")),
+        ("cubic", "viscous", "none"),
+        ("cubic", "friction", "finite"),
+        ("linear", "none", "none"),
+    ],
 )
 def test_jacobians_are_slopes_of_the_motion(carriage, interface, springs, excitation):
     solver = {} if carriage == "linear" and interface != "stribeck" else {"tolerance": 1e-12}

@@ -170,7 +170,6 @@ def test_jacobian_agrees_with_differences_in_34_digits(kind: str) -> None:
     assert violations(range(10), kind) == {}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_jacobian_agrees_with_differences_in_34_digits_in_a_thousand_scenes(kind: str) -> None:
     assert violations(range(1000), kind) == {}

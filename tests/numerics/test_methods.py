@@ -33,7 +33,6 @@ class Dummy(Linear):
     title = "the dummy"
 
 
-@pytest.mark.slow
 def test_method_is_added_by_one_row(monkeypatch):
     with pytest.raises(SceneError, match=r"solver.method: got 'dummy'.*allowed: 'auto', 'exact'"):
         RELEASED.replace(**{"solver.method": "dummy"})

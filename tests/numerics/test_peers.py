@@ -36,7 +36,6 @@ def test_a_peer_follows_stick_and_slip(name: str) -> None:
     assert error(name, FRICTION, 1e-8) < 1e-4
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", installed("CVODE BDF", "SciPy LSODA"))
 def test_a_peer_follows_stiff_friction(name: str) -> None:
     assert error(name, STIFF, 1e-6) < 1e-3

@@ -135,7 +135,6 @@ def test_impulses_come_between_corners_and_at_them(tmp_path, plant):
     check(BASE.replace(**PLANTS[plant]), motion, rng, impulses)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100))
 def test_random_records_are_exact(tmp_path, seed):
     rng = np.random.default_rng(seed)

@@ -83,7 +83,6 @@ def test_channels_are_those_that_an_environment_observes(kind):
         np.testing.assert_allclose(np.array(seen)[:, k], expected, atol=1e-6 * size)
 
 
-@pytest.mark.slow
 def test_peak_and_rms_are_over_time():
     scene = Scene(
         excitation=[{"kind": "harmonic", "target": "ground", "amplitude": 2.0, "frequency": 50.0}]

@@ -216,13 +216,11 @@ def _violations(
     return found
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene_of", [random_scene, splitting_scene, series_scene])
 def test_error_of_a_control_step_is_below_the_tolerance(scene_of: Callable[..., Any]) -> None:
     assert _violations(range(100), scene_of) == {}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene_of", [random_scene, splitting_scene, series_scene])
 def test_error_of_a_control_step_is_below_the_tolerance_in_a_thousand_scenes(
     scene_of: Callable[..., Any],

@@ -111,7 +111,6 @@ def test_every_control_step_keeps_its_tolerance_whatever_the_signs() -> None:
     assert {seed: ratio for seed, ratio in worst.items() if not ratio <= 1.0} == {}
 
 
-@pytest.mark.slow
 def test_every_control_step_of_three_hundred_scenes_keeps_its_tolerance() -> None:
     worst = {seed: excess(seed) for seed in range(300)}
     assert {seed: ratio for seed, ratio in worst.items() if not ratio <= 1.0} == {}

@@ -45,7 +45,7 @@ HARMONICS = [
     {"kind": "harmonic", "amplitude": 20.0, "frequency": 37.0, "target": "ground"},
 ]
 DRAWN = {"carriage.damping": (0.5, 2.0), "excitation.1.phase": (0.0, 6.0)}
-EVERYTHING = BASE.replace(
+SCENESTHING = BASE.replace(
     excitation=HARMONICS,
     randomization=DRAWN,
     springs=SmallOnLarge().model_dump(),
@@ -64,9 +64,9 @@ SCENES = {
     ),
     "massless": BASE.replace(**{"carriage.mass": 0.0}),
     "stiff": BASE.replace(**{"interface.damping": 1e9}),
-    "everything, linear": EVERYTHING,
-    "everything, friction": EVERYTHING.replace(interface=FRICTION.model_dump()),
-    "everything, cubic": EVERYTHING.replace(**{"carriage.cubic_coefficient": 1e5}),
+    "everything, linear": SCENESTHING,
+    "everything, friction": SCENESTHING.replace(interface=FRICTION.model_dump()),
+    "everything, cubic": SCENESTHING.replace(**{"carriage.cubic_coefficient": 1e5}),
     "impulses, noise and a sweep": CUBIC.replace(
         excitation=[
             HARMONICS[0],
@@ -86,12 +86,6 @@ SCENES = {
 }
 
 
-QUICK = ("linear", "cubic", "everything, friction")
-"""What the others show, these show in part."""
-
-EVERY = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in SCENES]
-
-
 @cache
 def result_of(name: str) -> WorkPrecision:
     with pytest.MonkeyPatch.context() as patch:
@@ -102,7 +96,7 @@ def result_of(name: str) -> WorkPrecision:
         return work_precision(SCENES[name], seed=3)
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", SCENES)
 def test_auto_at_its_tightest_meets_the_oracle(name: str) -> None:
     result = result_of(name)
     own = [one for one in result.settings if one.method == result.auto]
@@ -111,7 +105,7 @@ def test_auto_at_its_tightest_meets_the_oracle(name: str) -> None:
     assert result.resolution <= 1e-11
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", SCENES)
 def test_every_method_is_measured_or_refused_with_a_reason(name: str) -> None:
     result = result_of(name)
     measured = {one.method for one in result.settings}
@@ -175,7 +169,6 @@ def test_cheapest_is_the_cheapest_that_keeps_the_error() -> None:
             result.cheapest(bad)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["CarriageForceDuffing", "finite springs"])
 def test_recommended_settings_keep_their_error_in_fresh_steps(
     name: str, monkeypatch: pytest.MonkeyPatch
@@ -221,7 +214,6 @@ RUN = 2.0**-10
 """Duration of a run [s], of a clock that does not depend on how busy the machine is."""
 
 
-@pytest.mark.slow
 def test_cost_of_many_lanes_is_that_of_one_among_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(episode, "MOST_CHECKED", 10)
     monkeypatch.setattr(episode, "EPISODES", 1)
@@ -256,7 +248,6 @@ def test_margin_covers_what_is_still_to_come() -> None:
     assert margin(np.array([1e-9, 0.0, 0.0])) == UNKNOWN
 
 
-@pytest.mark.slow
 def test_harmonic_of_many_periods_in_a_step_is_followed_or_refused_with_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -286,7 +277,6 @@ def test_episodes_in_which_nothing_is_random_count_once() -> None:
     assert (commands[::2] < 10.0).all()
 
 
-@pytest.mark.slow
 def test_scene_that_scipy_cannot_follow_is_refused_however_slow_the_machine(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -299,7 +289,7 @@ def test_scene_that_scipy_cannot_follow_is_refused_however_slow_the_machine(
 
 
 def test_oracle_continues_a_motion_and_keeps_its_budget() -> None:
-    oracle = Oracle(EVERYTHING.replace(randomization={}))
+    oracle = Oracle(SCENESTHING.replace(randomization={}))
     forces, stretches = np.linspace(-5.0, 5.0, 10), np.linspace(1.0, 2.0, 10)
     held = {"forces": forces, "stretches": stretches, "start": np.array([0.01, 0.02, 0.1, 0.0])}
     whole = oracle.solve([0.03, 0.1], **held)
@@ -309,7 +299,6 @@ def test_oracle_continues_a_motion_and_keeps_its_budget() -> None:
         Oracle(BASE, most_evaluations=20).solve([0.1])
 
 
-@pytest.mark.slow
 def test_command_prints_recommends_and_writes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -62,7 +62,6 @@ def test_without_a_folder_to_write_to_kernels_run_after_one_warning(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["__pycache__", "module.py"]
 
 
-@pytest.mark.slow
 def test_processes_at_once_fill_one_cache(tmp_path):
     (tmp_path / "module.py").write_text(MODULE)
     places = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
@@ -229,7 +228,6 @@ def both(x):
 """
 
 
-@pytest.mark.slow
 def test_closures_of_one_name_stay_apart_though_two_processes_number_them_alike(tmp_path):
     (tmp_path / "module.py").write_text(CLOSURES)
 
@@ -261,7 +259,6 @@ def total(size):
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("first", [["length", "ones"], ["ones", "length"]])
 @pytest.mark.parametrize("second", [["total", "ones"], ["ones", "total"]])
 def test_array_of_a_kernel_that_others_link_is_returned_in_any_order_of_processes(

@@ -95,7 +95,6 @@ def test_planted_code_that_only_the_user_could_write_would_run(planted, tmp_path
     assert (tmp_path / "attacked").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES)
 def test_file_that_others_can_write_is_refused_with_one_warning_and_replaced(
     planted, tmp_path, change
@@ -111,7 +110,6 @@ def test_file_that_others_can_write_is_refused_with_one_warning_and_replaced(
     assert not (tmp_path / "attacked").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("level", [0, 1])
 def test_folder_that_others_can_change_is_refused_with_one_warning(planted, tmp_path, level):
     folder = planted.parents[2 * level]
@@ -181,7 +179,6 @@ def filled(folder):
     return sorted((folder / "cache").rglob("*.nb?"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc", ".lock"])
 def test_pipe_in_the_place_of_a_file_does_not_hang(tmp_path, suffix):
     for path in filled(tmp_path):
@@ -201,7 +198,6 @@ def test_pipe_in_the_place_of_a_file_does_not_hang(tmp_path, suffix):
     assert time.monotonic() - begin < PATIENCE
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
 def test_files_exchanged_between_kernels_are_compiled_anew(tmp_path, suffix):
     one, other = [path for path in filled(tmp_path) if path.suffix == suffix]

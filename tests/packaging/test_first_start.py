@@ -92,7 +92,6 @@ def module(tmp_path, monkeypatch):
     return lambda: loaded(path, monkeypatch)
 
 
-@pytest.mark.slow
 def test_lock_keeps_processes_apart_and_leaves_nothing_behind(tmp_path):
     number = tmp_path / "number"
     number.write_text("0")
@@ -130,7 +129,6 @@ def test_processes_that_start_at_once_compile_once(module, tmp_path):
     assert sorted(results) == [("0.5 0\n", "")] * 3 + [("0.5 1\n", "")]
 
 
-@pytest.mark.slow
 def test_ten_workers_that_start_at_once_compile_what_one_would(tmp_path):
     alone = start(APART + STEP, NUMBA_CACHE_DIR=str(tmp_path / "one")).communicate()[0]
     processes = [start(APART + STEP, NUMBA_CACHE_DIR=str(tmp_path / "ten")) for _ in range(10)]

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 
-import pytest
 from source_imports import PACKAGE, file_of, imported_by
 
 from mm_gym.compiler.cache import closed_over, sources
@@ -67,7 +66,6 @@ def test_editing_a_helper_in_another_file_takes_effect(tmp_path):
     assert start() == [0.0, 0.0, 0.0, 0.0]
 
 
-@pytest.mark.slow
 def test_package_that_cannot_be_written_to_is_cached_elsewhere_by_processes_at_once(tmp_path):
     package, cache = tmp_path / "mm_gym", tmp_path / "cache"
     shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))

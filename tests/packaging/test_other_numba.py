@@ -117,7 +117,6 @@ def called(x):
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("compiles", [[], ["too"]])
 def test_importing_and_compiling_change_nothing_in_numba_for_other_code(tmp_path, compiles):
     (tmp_path / "module.py").write_text(MODULE)
@@ -163,7 +162,6 @@ def lines_with(folder, change, program):
     return out.splitlines()
 
 
-@pytest.mark.slow
 def test_version_that_was_not_tested_compiles_after_one_warning(tmp_path):
     program = "print(module.quarter(2.0), *module.called(4))"
     values, warning = lines_with(tmp_path, UNTESTED, program)
@@ -226,7 +224,6 @@ except SimulationError as error:
 """
 
 
-@pytest.mark.slow
 def test_motion_and_closed_loops_are_the_same_without_private_names(tmp_path):
     program = f"from hashlib import sha256\n{MOTION}".strip()
     *altered, _ = lines_with(tmp_path, UNTESTED, program)

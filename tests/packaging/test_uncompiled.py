@@ -101,13 +101,11 @@ def test_plain_python_moves_as_compiled_code_does(name):
     np.testing.assert_allclose(got, want, rtol=0.0, atol=ROUNDING[name])
 
 
-@pytest.mark.slow
 def test_plain_python_closes_the_loop_as_compiled_code_does():
     # Nine rewards, each rounded a few times.
     np.testing.assert_allclose(run_uncompiled("returns"), returns(), rtol=1e-14)
 
 
-@pytest.mark.slow
 def test_plain_python_makes_runge_kutta_steps_as_compiled_code_does():
     # Some 100 steps, whose roundings of 1e-16 the friction damps.
     np.testing.assert_allclose(run_uncompiled("slides"), slides(), rtol=0.0, atol=1e-13)

@@ -69,7 +69,7 @@ def mutated(chance, content):
     return content
 
 
-@pytest.mark.parametrize("count", [2000, pytest.param(100_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [2000, 100_000])
 def test_mutated_file_is_read_or_refused(monkeypatch, count):
     content = b""
     # In memory, because writing and opening a file takes longer than all the rest.
@@ -221,13 +221,7 @@ STEPS = {"columns": 0.01, "comments": 0.01, "text in a row": 0.01}
 COLUMNS = {"text in a row": 2}
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        pytest.param(kind, marks=() if name.endswith("at2") else pytest.mark.slow)
-        for kind, (name, _) in LARGE.items()
-    ],
-)
+@pytest.mark.parametrize("kind", LARGE)
 def test_large_file_that_is_wrong_is_refused_soon(monkeypatch, kind):
     name, content = LARGE[kind]
     monkeypatch.setattr(text, "read_bytes", lambda *_, **__: content)
@@ -239,7 +233,6 @@ def test_large_file_that_is_wrong_is_refused_soon(monkeypatch, kind):
     assert time.process_time() - start < 20.0
 
 
-@pytest.mark.slow
 def test_large_file_that_is_wrong_takes_little_memory(tmp_path):
     for kind, (name, content) in LARGE.items():
         (tmp_path / f"{kind} {name}").write_bytes(content)

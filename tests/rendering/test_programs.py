@@ -41,7 +41,6 @@ def test_gymnasium_shows_pictures_in_its_own_window(mode):
     env.close()
 
 
-@pytest.mark.slow
 def test_gymnasium_records_a_video(tmp_path):
     env = gymnasium.make(NAME, render_mode="rgb_array")
     env = wrappers.RecordVideo(env, str(tmp_path / "new"), episode_trigger=lambda _: True)

@@ -148,7 +148,7 @@ def check_scene(data):
     return True
 
 
-@pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [300, 10_000])
 def test_no_lane_draws_what_the_rules_forbid(count):
     drawn = []
 

@@ -192,7 +192,7 @@ def valid_scene(seed):
     pytest.fail(f"seed {seed}: no end of findings in {data}")
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [60, 10_000])
 def test_random_valid_scene_is_refused_by_name_or_makes_finite_steps(count):
     wrong = []
     moved = sum(attempt(valid_scene, seed, seed, wrong) for seed in range(count))
@@ -304,7 +304,7 @@ def is_toml(text):
         return False
 
 
-@pytest.mark.parametrize("count", [500, pytest.param(100_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [500, 100_000])
 def test_mutated_file_is_refused_by_name_or_makes_finite_steps(monkeypatch, count):
     content = b""
     # In memory, because to write and open a file takes longer than all the rest.

@@ -27,7 +27,6 @@ def record():
     return f"\n\nACCELERATION IN UNITS OF G\nNPTS= 500, DT= .02 SEC\n{samples}\n"
 
 
-@pytest.mark.slow
 def test_frame_and_record_become_a_scene_with_its_error(monkeypatch, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
@@ -47,14 +46,12 @@ def test_errors_are_those_of_the_page(capsys):
     assert capsys.readouterr().out == SHOWN[1]
 
 
-@pytest.mark.slow
 def test_errors_under_control_are_those_of_the_page(capsys):
     pytest.importorskip("control")
     exec(compile(PROGRAMS[2], "docs/structures.md, program 3", "exec"), {})  # noqa: S102
     assert capsys.readouterr().out == SHOWN[2]
 
 
-@pytest.mark.slow
 def test_frame_and_record_become_a_learned_controller_and_a_figure(monkeypatch, tmp_path, capsys):
     for name in ("matplotlib", "cma"):
         pytest.importorskip(name)
@@ -86,7 +83,6 @@ def test_frame_and_record_become_a_learned_controller_and_a_figure(monkeypatch, 
     assert (tmp_path / "comparison.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
 def test_lqg_of_the_page_compiles_without_a_warning(monkeypatch, tmp_path):
     pytest.importorskip("control")
     monkeypatch.chdir(tmp_path)

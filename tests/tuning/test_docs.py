@@ -14,13 +14,7 @@ BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 RECORD = "\n\nACCELERATION IN UNITS OF G\nNPTS= 3, DT= .01 SEC\n0.0 0.1 0.0\n"
 
 
-@pytest.mark.parametrize(
-    "number",
-    [
-        pytest.param(number, marks=pytest.mark.slow if number == 2 else ())
-        for number in range(len(BLOCKS))
-    ],
-)
+@pytest.mark.parametrize("number", range(len(BLOCKS)))
 def test_program_runs_and_prints_what_the_page_shows(number, monkeypatch, tmp_path, capsys):
     for extra in ("control", "matplotlib"):
         if extra in BLOCKS[number]:

@@ -75,7 +75,6 @@ def test_peaks_are_those_of_another_integration():
         assert peak == pytest.approx(GOLDEN["springs"]["peak"][i][j], rel=2e-3)
 
 
-@pytest.mark.slow
 def test_friction_without_springs_is_the_best_of_another_integration(free):
     forces, peaks = GOLDEN["none"]["friction"], GOLDEN["none"]["peak"]
     k = int(np.argmin(peaks))
@@ -85,7 +84,6 @@ def test_friction_without_springs_is_the_best_of_another_integration(free):
     assert free.after.friction_force == pytest.approx(lanchester_friction(RATIO), rel=0.05)
 
 
-@pytest.mark.slow
 def test_friction_and_stiffness_are_the_best_of_another_integration():
     found = friction_absorber(SPRUNG, amplitude=1.0)
     golden = GOLDEN["springs"]
@@ -162,7 +160,6 @@ def test_what_cannot_be_tuned_is_refused_with_the_reason(scene, options, message
         friction_absorber(scene, **({"amplitude": 1.0} | options))
 
 
-@pytest.mark.slow
 def test_unreachable_stiffness_is_told_with_the_best_in_reach(monkeypatch):
     # Springs of k0 have at most 6 k0; the simulated search is left out.
     monkeypatch.setattr(FrictionProblem, "improved", lambda _, start, __: start)
@@ -173,7 +170,6 @@ def test_unreachable_stiffness_is_told_with_the_best_in_reach(monkeypatch):
     assert found.tuned.springs.stretch == pytest.approx(1.0, abs=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("actuation", [{}, {"stretch": {"minimum": 1.0, "maximum": 2.0}}])
 def test_springs_too_stiff_for_the_optimum_have_their_longest_stretch(actuation, monkeypatch):
     # Springs of k0 have more than 2 k0; the first harmonic stands for the simulated search.
