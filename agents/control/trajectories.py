@@ -24,9 +24,8 @@ Where episodes can end early there are more: at the edge of a limit's cost, step
 shorter before they are any good."""
 
 LEAST, MOST = 1e-8, 1e8  # bounds of the stiffness
-
 STIFFEST = 1e14  # a stiffness next to which no curvature counts
-FIRST, SECOND = 0.9, 0.99  # kept of the means of slopes and of squares in a round of a descent
+FIRST, SECOND = 0.9, 0.99  # what Adam keeps of the means of slopes and of squares in a round
 LONGEST, LEVEL = 0.05, 1e-3  # first step of a descent [-]; slopes that count as none, over the rms
 TINY = 1e-300  # added to what is divided by
 
@@ -56,6 +55,13 @@ class Trajectory(NamedTuple):
     controls: Array
     actions: Array
     cost: Array  # (lanes,) sum of -reward [-], and the cost of what is near or beyond a limit
+
+    def take_better(self, other: "Trajectory") -> NDArray[np.bool_]:
+        """Take another's lanes where they cost less; return which (lanes,) did."""
+        better = other.cost < self.cost
+        for mine, its in zip(self, other, strict=True):
+            mine[..., better] = its[..., better]
+        return better
 
 
 class Trajectories:
@@ -193,19 +199,14 @@ class Trajectories:
         """Return locally better plans: Gauss-Newton with Levenberg's stiffness, lane by lane."""
         best = self.follow(episodes, controls)
         extra = np.full(len(episodes), stiffness)
-        change = np.empty_like(controls)
-        gain = np.empty((*controls.shape[:2], best.states.shape[1], len(episodes)))
         idle, patience = 0, AT_ENDS if self.ends else PATIENCE
         for _ in range(rounds):
             if idle == patience:
                 break
-            trajectory = best.motion, best.states, best.controls, best.reactions
-            sweep(trajectory, self._limits, self.weights, self.effort, extra, change, gain)
+            change, gain = self._step(best, extra)
             trial = self.follow(episodes, best.controls + change, best, gain)
-            better = trial.cost < best.cost
             idle = 0 if (trial.cost < (1.0 - GAIN) * best.cost).any() else idle + 1
-            for mine, other in zip(best, trial, strict=True):
-                mine[..., better] = other[..., better]
+            better = best.take_better(trial)
             extra = np.clip(np.where(better, EASIER, HARDER) * extra, LEAST, MOST)
         return best
 
@@ -219,30 +220,24 @@ class Trajectories:
         mean, square = np.zeros((2, *controls.shape))
         u = controls
         for k in range(rounds):
-            slope = self._slope(trial := self.follow(episodes, u))
-            better = trial.cost < best.cost
-            for mine, other in zip(best, trial, strict=True):
-                mine[..., better] = other[..., better]
+            best.take_better(trial := self.follow(episodes, u))
+            # Along the slope, which is 0 where a bound keeps the cost from falling: there the
+            # stiffness outweighs all curvature.
+            slope = -STIFFEST * self._step(trial, np.full(len(episodes), STIFFEST))[0]
             slope /= np.sqrt((slope**2).mean(axis=(0, 1))) + TINY
-            mean += (1.0 - FIRST) * (slope - mean)
-            square += (1.0 - SECOND) * (slope**2 - square)
-            first, second = mean / (1.0 - FIRST ** (k + 1)), square / (1.0 - SECOND ** (k + 1))
+            kept, spread = moved_means(slope, mean, square, k + 1)
             size = 0.5 * LONGEST * (1.0 + np.cos(np.pi * k / rounds))
-            u = np.clip(trial.controls - size * first / (np.sqrt(second) + LEVEL), -1.0, 1.0)
+            u = np.clip(trial.controls - size * (mean / kept) / (spread + LEVEL), -1.0, 1.0)
         return best
 
-    def _slope(self, trajectory: Trajectory) -> Array:
-        """Return the cost's slope over each control, 0 where a bound keeps it from falling.
-
-        Where the stiffness outweighs all curvature, a step of Gauss and Newton is along it.
-        """
-        controls = trajectory.controls
+    def _step(self, trajectory: Trajectory, stiffness: Array) -> tuple[Array, Array]:
+        """Return a step of Gauss and Newton, its change of the controls and its gains."""
+        motion, states, reactions, controls, *_ = trajectory
         change = np.empty_like(controls)
-        gain = np.empty((*controls.shape[:2], *trajectory.states.shape[1:]))
-        stiffness = np.full(controls.shape[2], STIFFEST)
-        parts = trajectory.motion, trajectory.states, controls, trajectory.reactions
+        gain = np.empty((*controls.shape[:2], *states.shape[1:]))
+        parts = motion, states, controls, reactions
         sweep(parts, self._limits, self.weights, self.effort, stiffness, change, gain)
-        return -STIFFEST * change
+        return change, gain
 
     def _reactions(self, lanes: Array) -> Array:
         def squared(lanes: Array) -> Array:
@@ -283,6 +278,16 @@ class Trajectories:
         reached = applied + self._limits[3][:, None] * controls
         asked = np.clip((reached - self.middle[:, None]) / self.half[:, None], -1.0, 1.0)
         return np.where(self._by_change[:, None], asked, controls)
+
+
+def moved_means(slope: Array, mean: Array, square: Array, count: int) -> tuple[float, Array]:
+    """Move Adam's means of slopes and of their squares on, in place, in the round of this number.
+
+    Return what the first is to be divided by, and the root of the second: both means begin at 0.
+    """
+    mean += (1.0 - FIRST) * (slope - mean)
+    square += (1.0 - SECOND) * (slope**2 - square)
+    return 1.0 - FIRST**count, np.sqrt(square / (1.0 - SECOND**count))
 
 
 def ends_of(objective: Objective) -> list[tuple[float, tuple[float, float]]]:

@@ -11,6 +11,7 @@ from itertools import islice
 
 import numpy as np
 
+from agents.control.trajectories import moved_means
 from agents.gradient.episodes import MOST, Episodes
 from agents.gradient.following import Following
 from agents.gradient.network import (
@@ -25,8 +26,6 @@ from agents.gradient.network import (
 )
 from agents.gradient.settings import (
     AVERAGED,
-    FIRST,
-    SECOND,
     STEEPEST,
     WARMED,
     GradientSettings,
@@ -49,14 +48,10 @@ BIASES = ("bias", "last")
 def descend(settings: GradientSettings, run: Run, *, bar: bool = True) -> None:
     """Train until iterations or time are used up, and write the best policy to the run's folder.
 
-    An interrupted run continues from its last checkpoint; Ctrl-C writes one.
-
-    Raises
-    ------
-    SceneError, CompileError, DesignError
-        If there is nothing to search on, or the law or gradients do not apply. No folder is made.
-    RunError
-        If the folder holds another run, or another process uses it.
+    An interrupted run continues from its last checkpoint; Ctrl-C writes one. Raise `SceneError`,
+    `CompileError` or `DesignError` if there is nothing to search on, or the law or gradients do not
+    apply. No folder is made. Raise `RunError` if the folder holds another run, or another process
+    uses it.
     """
     search = Descent
     if settings.cell:
@@ -155,10 +150,8 @@ class Descent(Following):
         own = self.network.parameters
         for name in own:
             slope = gradient[name] / size
-            self.slopes[name] += (1.0 - FIRST) * (slope - self.slopes[name])
-            self.squares[name] += (1.0 - SECOND) * (slope**2 - self.squares[name])
-            spread = np.sqrt(self.squares[name] / (1.0 - SECOND**count)) + 1e-8
-            own[name] -= rate / (1.0 - FIRST**count) * sizes[name] * self.slopes[name] / spread
+            kept, spread = moved_means(slope, self.slopes[name], self.squares[name], count)
+            own[name] -= rate / kept * sizes[name] * self.slopes[name] / (spread + 1e-8)
         if "keep" in own:
             if self.settings.scene is not None:
                 shorten(own["keep"], self.longest)

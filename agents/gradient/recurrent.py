@@ -10,10 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from agents.control.trajectories import FIRST, SECOND
 from agents.gradient.episodes import MOST
 from agents.gradient.following import Following
 from agents.gradient.network import with_oscillators
-from agents.gradient.settings import AVERAGED, FIRST, SECOND, GradientSettings, schedule
+from agents.gradient.settings import AVERAGED, GradientSettings, schedule
 from agents.network.layers import (
     GRU,
     UNIT,
@@ -35,9 +36,7 @@ from mm_gym import ActionError, Scene
 from mm_gym.arrays import Array, Single
 from mm_gym.torch import Episodes
 
-MOMENTS = ("exp_avg", "exp_avg_sq")
-"""What torch's Adam remembers of each parameter."""
-
+MOMENTS = ("exp_avg", "exp_avg_sq")  # what torch's Adam remembers of each parameter
 
 OPEN = float(1.0 / (1.0 + np.exp(-2.0)))
 """Of a cell's gates at first: how much they let through, where their slope is still a tenth."""

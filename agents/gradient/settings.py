@@ -11,17 +11,9 @@ from agents.training.config import Count, Positive, SearchSettings
 from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.tasks import task_or_scene
 
-FIRST, SECOND = 0.9, 0.99
-"""Adam's memory of the gradients, and of their squares."""
-
-LAST_RATE = 0.03
-"""Part of the learning rate that is left at the end."""
-
-AVERAGED = 0.03
-"""Weight of an iteration in the mean that is validated."""
-
-FRAMES = 64_000
-"""Control steps in an iteration on your own scene."""
+LAST_RATE = 0.03  # part of the learning rate that is left at the end
+AVERAGED = 0.03  # weight of an iteration in the mean that is validated
+FRAMES = 64_000  # control steps in an iteration on your own scene
 
 PERIODS = 2.5, 20.0
 """Of the slowest mode of your own scene; slopes fade to 1/e in them, at first and at the end."""
