@@ -24,7 +24,6 @@ Start: TypeAlias = tuple[Array, Array, tuple[Array, Array]]
 
 QUICK, SHORT = 0.005, 20  # control steps [s] up to which fewer steps ahead are planned, to keep up
 
-
 SEED = 4_000_000
 
 ENDED = 1e9

@@ -25,7 +25,6 @@ CHANGES = (0.0, 0.0), (0.02, 0.0), (0.1, 0.8), (0.1, 0.95), (0.3, 0.9)
 
 AT_LIMIT = 10.0  # what a step at a limit costs in the search of a start that keeps off it
 
-
 AHEAD, FIRST, ROUNDS = 40, 30, 3
 """Steps that are planned, and steps of Gauss and Newton at an episode's start and in each step."""
 

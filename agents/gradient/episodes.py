@@ -13,14 +13,12 @@ from mm_gym.arrays import Array, Single
 from mm_gym.differences import Outputs
 from mm_gym.sensitivity import Sensitivities
 
-FROM_OUTSIDE = ("disturbance_force", "ground_acceleration")
-"""Channels that no action changes."""
+FROM_OUTSIDE = ("disturbance_force", "ground_acceleration")  # channels that no action changes
 
 APPLIED = {"applied_force": "force"} | {name: name for name in ("stretch", "damping", "voltage")}
 """Channel -> name of the actuator that it shows."""
 
-MOST = 10.0
-"""Largest slope of a lane over the median of all lanes, by default."""
+MOST = 10.0  # largest slope of a lane over the median of all lanes, by default
 
 
 class Episodes:
@@ -29,7 +27,8 @@ class Episodes:
     A slope of the cost over the motion is carried back by the Jacobians of the control steps.
     Parametric springs can pump energy: near a switching law slopes grow without bound from step to
     step, in few lanes by many orders of magnitude. So they fade by a factor in each step, which
-    forgets what an action does long after, and no lane has more than `most` times the median.
+    forgets what an action does long after, and no lane has more than `most` times the median. Raise
+    `DesignError` if an episode may end early, or the motion has no weight.
 
     Parameters
     ----------
@@ -39,11 +38,6 @@ class Episodes:
         Number of episodes.
     most
         Largest slope of a lane over the median of all lanes.
-
-    Raises
-    ------
-    DesignError
-        If an episode may end early, or the motion has no weight.
     """
 
     def __init__(self, scene: Scene, lanes: int, most: float = MOST) -> None:

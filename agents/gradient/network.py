@@ -13,8 +13,7 @@ from mm_gym.arrays import Array, Single
 
 Parameters = dict[str, Single]
 
-REAL = np.float32
-"""Of the passes; the physics is in double precision."""
+REAL = np.float32  # of the passes; the physics is in double precision
 
 NONE = np.empty((0, 0), REAL)
 
@@ -23,11 +22,8 @@ LONGEST = 0.995
 is forgotten."""
 
 
-TURNS = 0.2, 1.2
-"""Least and largest angle of an oscillator in a control step [rad]."""
-
-LOSSES = 0.025, 0.5
-"""Least and largest part that it forgets in a control step."""
+TURNS = 0.2, 1.2  # least and largest angle of an oscillator in a control step [rad]
+LOSSES = 0.025, 0.5  # least and largest part that it forgets in a control step
 
 ROLES = {
     "layers.0.weight": "hidden",

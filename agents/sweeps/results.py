@@ -32,7 +32,6 @@ from mm_gym.tasks import ids, robust_ids, short_name
 
 FILE = SCORES.with_name("results.json")
 MOST_BYTES = 2**24  # largest file of results
-
 DIGITS = 5  # of the costs in the file: a cost on a page has four
 
 Costs = Annotated[list[Cost], Field(min_length=EPISODES, max_length=EPISODES)]

@@ -30,10 +30,7 @@ CLASSES = {
 def algorithm_class(name: str) -> type[BaseAlgorithm]:
     """Return the class of an algorithm.
 
-    Raises
-    ------
-    DependencyNotInstalled
-        If it is one of sb3-contrib, and that is not installed.
+    Raise `DependencyNotInstalled` if it is one of sb3-contrib, and that is not installed.
     """
     module, attribute = CLASSES[name]
     try:

@@ -27,13 +27,8 @@ def policy_of(model: BaseAlgorithm) -> Policy:
     """Return the mean action of a model as a policy, which takes observations as they are.
 
     The observations' normalisation, and that of the layers of CrossQ, are linear and become part of
-    the weights.
-
-    Raises
-    ------
-    PolicyError
-        If the model's policy is more than dense layers of one activation, tanh or ReLU, after an
-        LSTM cell or none.
+    the weights. Raise `PolicyError` if the model's policy is more than dense layers of one
+    activation, tanh or ReLU, after an LSTM cell or none.
     """
     modules, extractor = _modules(model)
     layers, activations = _layers(modules)
@@ -115,12 +110,8 @@ def _normalisation(model: BaseAlgorithm) -> tuple[Array, Array]:
 def open_trusted(path: Path) -> Policy:
     """Return the policy of an archive that `PPO.save` wrote.
 
-    **Opening an archive can run code that it carries.**
-
-    Raises
-    ------
-    PolicyError
-        If the file is missing, too large, damaged, or no such archive.
+    **Opening an archive can run code that it carries.** Raise `PolicyError` if the file is missing,
+    too large, damaged, or no such archive.
     """
     try:
         content = io.BytesIO(read_bytes(path, most=LARGEST))

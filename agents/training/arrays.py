@@ -15,8 +15,7 @@ from mm_gym.files import read_bytes, write_bytes
 
 Arrays = dict[str, NDArray[np.generic]]
 
-LARGEST = 4 * 2**30
-"""Of a checkpoint [bytes]: a replay buffer of some ten million steps."""
+LARGEST = 4 * 2**30  # of a checkpoint [bytes]: a replay buffer of some ten million steps
 
 DAMAGE = (
     *(ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError),

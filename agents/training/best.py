@@ -20,24 +20,17 @@ others: it is scored on all of them only then."""
 
 
 class Best(NamedTuple):
-    """A controller of a scene.
+    """A controller of a scene."""
 
-    Attributes
-    ----------
-    name
-        The one that commands take.
-    cost
-        On the validation episodes, on which it was tuned [-].
-    """
-
-    name: str
-    cost: float
+    name: str  # the one that commands take
+    cost: float  # on the validation episodes, on which it was tuned [-]
 
 
 def best_controller(scene: Scene, *, plans: bool = True, worst: float = 1.0) -> Best:
     """Return the controller of least validation cost, of those that read the observation alone.
 
-    It is no control where none costs less.
+    It is no control where none costs less. Raise `SceneError` or `CompileError` if there is nothing
+    to control.
 
     Parameters
     ----------
@@ -47,11 +40,6 @@ def best_controller(scene: Scene, *, plans: bool = True, worst: float = 1.0) -> 
         Whether predictive control by plans of its own is among them.
     worst
         Share of the episodes, those that cost most, whose mean is the cost.
-
-    Raises
-    ------
-    SceneError, CompileError
-        If there is nothing to control.
     """
     MovingMassVectorEnv(scene, 1).close()
     key = (scene.digest, plans, worst) if scene.own_reward is None else None

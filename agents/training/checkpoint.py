@@ -44,10 +44,8 @@ def state_of(model: BaseAlgorithm) -> Arrays:
 def restore(model: BaseAlgorithm, arrays: Arrays) -> None:
     """Restore what `state_of` returned.
 
-    Raises
-    ------
-    KeyError, IndexError, TypeError, ValueError, RuntimeError
-        If arrays are missing or have other types or shapes; the model is of no more use then.
+    Raise `KeyError`, `IndexError`, `TypeError`, `ValueError` or `RuntimeError` if arrays are
+    missing or have other types or shapes; the model is of no more use then.
     """
     _restore_networks(model, arrays)
     _lanes(model).set_state(part_of(arrays, "lanes"))

@@ -45,8 +45,7 @@ Changes = Annotated[
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
-SEED_BITS, LANE_BITS = 32, 31
-"""Bits of a training's seed, and of the number of a lane."""
+SEED_BITS, LANE_BITS = 32, 31  # bits of a training's seed, and of the number of a lane
 
 TRAINING = 1 << 63
 """The bit that seeds of training lanes have; those of validation and held-out episodes do not."""
@@ -116,10 +115,7 @@ class RunSettings(Document):
     def load_scene(self) -> Scene:
         """Return the scene to train on.
 
-        Raises
-        ------
-        SceneError
-            If its file cannot be read, or a change is not allowed.
+        Raise `SceneError` if its file cannot be read, or a change is not allowed.
         """
         scene = load_scene(self.task if self.scene is None else self.scene)
         return scene.replace(**self.changes)
@@ -127,10 +123,7 @@ class RunSettings(Document):
     def rewarded_scene(self) -> Scene:
         """Return the same with the reward of the settings, whose file is run.
 
-        Raises
-        ------
-        SceneError
-            If the scene or the reward is wrong.
+        Raise `SceneError` if the scene or the reward is wrong.
         """
         return rewarded(self.load_scene(), self.reward)
 
@@ -258,10 +251,7 @@ def read_settings(path: str | Path, kind: type[Settings]) -> Settings:
 def good_settings(task: str, kind: type[OfRun]) -> OfRun:
     """Return what is known to be good for a task, or the defaults; the run is named after it.
 
-    Raises
-    ------
-    SceneError
-        If there is no such task, or its file of settings cannot be read.
+    Raise `SceneError` if there is no such task, or its file of settings cannot be read.
     """
     own = {"task": task, "name": short_name(task) + kind.suffix}
     file = CONFIGS / (kind.folder or "") / path_of(task).name
@@ -274,12 +264,8 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
     """Read ``[FILE.toml | TASK] [--flags]``: the file or task first, then flags over it.
 
     A task may leave out ``mm_gym/`` and ``-v0``. It stands for its file of good settings, if there
-    is one, but not with a scene or an algorithm for which they were not found.
-
-    Raises
-    ------
-    SceneError
-        If the first argument is neither a flag nor a task nor a settings file that can be read.
+    is one, but not with a scene or an algorithm for which they were not found. Raise `SceneError`
+    if the first argument is neither a flag nor a task nor a settings file that can be read.
     """
     with warnings.catch_warnings():
         # Of a default's type, which pydantic has checked; tyro cannot look into this one.

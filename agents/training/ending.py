@@ -21,53 +21,27 @@ ROUND_OFF = 1e-4
 
 
 class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
-    """What ``end.json`` holds; its costs are those on the validation episodes [-].
+    """What ``end.json`` holds; its costs are those on the validation episodes [-]."""
 
-    Attributes
-    ----------
-    unit, done, total
-        What is counted, as "sweep": how many were done, and how many the settings ask for.
-    time_budget
-        Time after which the run ended before all were done [s], or None.
-    cost
-        Of the best agent; None if it is not finite.
-    began_as, began_with
-        What the run began as, and its cost; None of a run that began before it was noted.
-    no_control
-        Cost of no control.
-    replaced
-        Whether the policy that was written is no control, as all agents were worse.
-    controller, controller_cost
-        Name and cost of the scene's best classical controller, if it was looked for; where it costs
-        less than the best agent, it is what the run returns.
-    """
-
-    unit: str
-    done: int
-    total: int | None
-    time_budget: float | None
-    cost: float | None
-    began_as: str
-    began_with: float | None
-    no_control: float | None
-    replaced: bool = False
+    unit: str  # what is counted, as "sweep"
+    done: int  # how many of them were done
+    total: int | None  # how many the settings ask for
+    time_budget: float | None  # after which the run ended before all were done [s], or None
+    cost: float | None  # of the best agent; None if it is not finite
+    began_as: str  # what the run began as
+    began_with: float | None  # its cost; None of a run that began before it was noted
+    no_control: float | None  # cost of no control
+    replaced: bool = False  # whether the policy is no control, as all agents were worse
+    # Name and cost of the scene's best classical controller, if it was looked for; where it costs
+    # less than the best agent, it is what the run returns.
     controller: str | None = None
     controller_cost: float | None = None
 
     @classmethod
     def of(cls, run: Progress, scene: Scene, worst: float = 1.0, **told: object) -> Ending:
-        """Return the ending of a run.
+        """Return the ending of a run, given its validations on the worst share of the episodes.
 
-        Parameters
-        ----------
-        run
-            Its validations.
-        scene
-            What they were on.
-        worst
-            Share of the episodes that they were of, those that cost most.
-        told
-            The other attributes, without the costs.
+        Told are the other attributes, without the costs.
         """
         without = Feedback(scene, no_control(scene), TrueState())  # no estimate is needed
         steps, _, cost = run.rows[0]
@@ -142,10 +116,7 @@ def _told(cost: float | None) -> str:
 def read_ending(run: Run) -> Ending | None:
     """Return how a run ended, or None where an earlier version did not note it.
 
-    Raises
-    ------
-    RunError
-        If its file is damaged.
+    Raise `RunError` if its file is damaged.
     """
     if not os.path.lexists(run.ending):
         return None

@@ -14,11 +14,8 @@ from mm_gym.arrays import Array
 LANES, STEPS, SEED = 64, 300, 3_000_000
 """Episodes and control steps that are simulated, apart from those of any evaluation."""
 
-PAST, FUTURE = 32, 8
-"""Control steps that tell, and that are foretold."""
-
-LONGEST = 0.98
-"""Largest eigenvalue of a memory: what is older than some 50 steps is forgotten."""
+PAST, FUTURE = 32, 8  # control steps that tell, and that are foretold
+LONGEST = 0.98  # largest eigenvalue of a memory: what is older than some 50 steps is forgotten
 
 
 def force_memory(scene: Scene, weights: Array, states: int) -> tuple[Array, Array]:

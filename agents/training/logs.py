@@ -10,8 +10,7 @@ from tensorboard.compat.proto.event_pb2 import Event
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 
-FOLDER = "tensorboard"
-"""Of logs, in the folder of a run."""
+FOLDER = "tensorboard"  # of logs, in the folder of a run
 
 VALIDATION = "validation/cost"
 """The name of the cost on the validation episodes, the same for every training."""

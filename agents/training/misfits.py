@@ -10,11 +10,8 @@ from agents.training.config import RunSettings
 from agents.training.scales import LANES, SEED
 from mm_gym import MovingMassVectorEnv, Scene
 
-FITS = 0.01, 100.0
-"""Least and largest root mean square of an observed channel without control."""
-
-STEPS = 4.0, 1000.0
-"""Fewest and most control steps in a period."""
+FITS = 0.01, 100.0  # least and largest root mean square of an observed channel without control
+STEPS = 4.0, 1000.0  # fewest and most control steps in a period
 
 SCALED_BY = {
     "displacement": "objective.displacement_scale",

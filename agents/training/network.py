@@ -22,23 +22,12 @@ class Network:
     The vector holds the pairs (r, 2, n + m), then for each action its bias and direct weights (1 +
     n + m + r), then for each hidden unit its bias, weights and parts in the actions (1 + n + m + r
     + k).
-
-    Attributes
-    ----------
-    start
-        The law as which it begins.
-    hidden
-        Number of hidden units.
-    odd
-        Whether biases stay zero: the mirrored motion then gets the opposite force.
-    scales
-        Of what it reads and does; by default all of order one.
     """
 
-    start: Start
-    hidden: int
-    odd: bool
-    scales: Scales | None = None
+    start: Start  # the law as which it begins
+    hidden: int  # number of hidden units
+    odd: bool  # whether biases stay zero: the mirrored motion then gets the opposite force
+    scales: Scales | None = None  # of what it reads and does; by default all of order one
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:

@@ -19,17 +19,10 @@ from agents.training.runs import Run
 from agents.training.scales import LEAST, size_of_actions
 from mm_gym import Scene
 
-PERIODS = 2.0
-"""Of the slowest mode that are looked ahead."""
-
-DISCOUNTS = 0.9, 0.998
-"""Least and largest."""
-
-EXPLORED = 0.5
-"""Exploration's size over that of the base's actions."""
-
-QUIET, LOUD = 0.01, 0.6
-"""Least and largest standard deviation of the exploration."""
+PERIODS = 2.0  # of the slowest mode that are looked ahead
+DISCOUNTS = 0.9, 0.998  # least and largest
+EXPLORED = 0.5  # exploration's size over that of the base's actions
+QUIET, LOUD = 0.01, 0.6  # least and largest standard deviation of the exploration
 
 
 def for_own_scene(settings: TrainSettings, run: Run) -> TrainSettings:

@@ -14,8 +14,7 @@ from agents.training.runs import Run
 from mm_gym import DesignError, Scene, SceneError, rewarded
 from mm_gym.user_code import is_path
 
-NO_BASE = "none"
-"""What asks for an agent that is added to no controller."""
+NO_BASE = "none"  # what asks for an agent that is added to no controller
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +35,7 @@ class Parts:
 def make_parts(settings: RunSettings) -> Parts:
     """Return the parts of a training; files that its settings name are run.
 
-    Raises
-    ------
-    SceneError
-        If a part cannot be made.
+    Raise `SceneError` if a part cannot be made.
     """
     base, authority = getattr(settings, "base", None), getattr(settings, "authority", 0.0)
     return _parts(settings.rewarded_scene(), base, authority)
@@ -58,14 +54,9 @@ def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:
 def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool) -> Parts:
     """Return the parts of a run, from the scene and the settings in its record.
 
-    The record's own reward is added to the scene, if it has one and the settings name it.
-
-    Raises
-    ------
-    PolicyError
-        If they are in a file of the user's, which would be run, and it is not trusted.
-    SceneError
-        If a part cannot be made.
+    The record's own reward is added to the scene, if it has one and the settings name it. Raise
+    `PolicyError` if they are in a file of the user's, which would be run, and it is not trusted;
+    `SceneError` if a part cannot be made.
     """
     base, reward = (settings.get(name) for name in ("base", "reward"))
     authority = settings.get("authority", 0.0)
@@ -80,11 +71,7 @@ def base_controller(scene: Scene, base: str) -> Controller:
     """Return the controller that an agent is added to, tuned on the validation episodes.
 
     A law of a user's file is fed the state that `ObservedState` estimates from the observation.
-
-    Raises
-    ------
-    SceneError
-        If the base cannot be made, or does not suit the scene.
+    Raise `SceneError` if the base cannot be made, or does not suit the scene.
     """
     if is_path(base):
         return user_defined(base, scene, "base")[-1]

@@ -36,11 +36,8 @@ from mm_gym.files import write_bytes
 
 Report = Callable[[int, float], None]
 
-UNIT = "control step"
-"""What is counted."""
-
-CHECKPOINT_PERIOD = 60.0
-"""Longest time of training [s] that a kill undoes, but for a rollout."""
+UNIT = "control step"  # what is counted
+CHECKPOINT_PERIOD = 60.0  # longest time of training [s] that a kill undoes, but for a rollout
 
 
 def train(
@@ -49,7 +46,10 @@ def train(
     """Train until steps or time are used up, and write the best policy to the run's folder.
 
     An interrupted run continues from its last checkpoint, and Ctrl-C writes one. A finished run
-    goes on where the settings differ in that they have more steps or time.
+    goes on where the settings differ in that they have more steps or time. Raise `SceneError` or
+    `CompileError` if there is nothing to train on, `DependencyNotInstalled` if the algorithm needs
+    a package that is missing. No folder is made. Raise `RunError` if the folder holds another run,
+    or another process trains it; `OSError` if a file of the folder cannot be written.
 
     Parameters
     ----------
@@ -57,17 +57,6 @@ def train(
         Whether to draw a progress bar.
     report
         Called with the steps and the cost of each validation; what it raises ends the training.
-
-    Raises
-    ------
-    SceneError, CompileError
-        If there is nothing to train on. No folder is made.
-    DependencyNotInstalled
-        If the algorithm needs a package that is missing. No folder is made.
-    RunError
-        If the folder holds another run, or another process trains it.
-    OSError
-        If a file of the folder cannot be written.
     """
     algorithm_class(settings.algorithm)
     settings = for_own_scene(settings, run)

@@ -41,27 +41,19 @@ PACKAGES = (
 )
 
 
-INTERRUPTED = 130
-"""Exit status of a program that Ctrl-C ended: 128 + the number of the signal."""
-
-
-NONE = "none"
-"""What is told of a setting that a run has not."""
+INTERRUPTED = 130  # exit status of a program that Ctrl-C ended: 128 + the number of the signal
+NONE = "none"  # what is told of a setting that a run has not
 
 WORDS = {"scene_digest": "the scene is another", "code": "your own files have changed"}
 """What is told of the parts of a run's record."""
 
-MOST_TOLD = 5
-"""Differences in a message."""
+MOST_TOLD = 5  # differences in a message
 
 METRICS, TIMES = ("steps [-]", "cost [-]"), ("steps [-]", "time [s]")
 """Headers of the files of validations."""
 
-HOLDER = "process "
-"""What a lock begins with that some process has held."""
-
-MOST_BYTES = 2**24
-"""Largest record of a run; the texts of the user's files are in it."""
+HOLDER = "process "  # what a lock begins with that some process has held
+MOST_BYTES = 2**24  # largest record of a run; the texts of the user's files are in it
 
 
 class RunError(RuntimeError):
@@ -119,10 +111,7 @@ class Run:
     def validations(self) -> tuple[Array, Array, Array]:
         """Return the control steps, cost and time [s] of each validation, (validations,).
 
-        Raises
-        ------
-        RunError
-            If their files are missing, damaged, or of different lengths.
+        Raise `RunError` if their files are missing, damaged, or of different lengths.
         """
         try:
             steps, costs = read_columns(self.metrics, METRICS)
@@ -157,13 +146,8 @@ class Run:
     def locked(self) -> Iterator[None]:
         """Keep other processes from training in this folder, which is made if need be.
 
-        The lock ends with the process, however it ends.
-
-        Raises
-        ------
-        RunError
-            If another process holds the lock, the folder cannot be written to, or something else
-            is in the lock's place.
+        The lock ends with the process, however it ends. Raise `RunError` if another process holds
+        the lock, the folder cannot be written to, or something else is in the lock's place.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -274,10 +258,7 @@ class Run:
     def read(self) -> dict[str, Any]:
         """Return the record, as `Record` says.
 
-        Raises
-        ------
-        RunError
-            If there is none, or it is damaged.
+        Raise `RunError` if there is none, or it is damaged.
         """
         if not os.path.lexists(self.record):
             msg = f"{self.folder}: no run.json here; train first: python -m agents train"
@@ -301,10 +282,7 @@ class Run:
 def read_as(kind: type[Contents], file: Path, what: str) -> Contents:
     """Return what a JSON file of a run's folder holds.
 
-    Raises
-    ------
-    RunError
-        If the file cannot be read, or does not hold what is wanted.
+    Raise `RunError` if the file cannot be read, or does not hold what is wanted.
     """
     try:
         return read_checked(kind, file, what, MOST_BYTES)

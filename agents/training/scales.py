@@ -22,21 +22,11 @@ LEAST = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Scales:
-    """Root mean squares, or 1 throughout where a scene states them well.
+    """Root mean squares, or 1 throughout where a scene states them well."""
 
-    Attributes
-    ----------
-    inputs
-        (n + m + r,) of observation, linear memory and correlation units.
-    outputs
-        (k,) of the actions.
-    updates
-        (m,) of the change of each state of the linear memory in a step.
-    """
-
-    inputs: Array
-    outputs: Array
-    updates: Array
+    inputs: Array  # (n + m + r,) of observation, linear memory and correlation units
+    outputs: Array  # (k,) of the actions
+    updates: Array  # (m,) of the change of each state of the linear memory in a step
 
     @classmethod
     def stated(cls, start: Start) -> Scales:

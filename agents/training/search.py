@@ -27,8 +27,7 @@ from agents.training.runs import Run
 from agents.training.starts import without_control
 from mm_gym import ActionError, Scene
 
-BETWEEN_SAVES = 5.0
-"""Time between checkpoints [s]."""
+BETWEEN_SAVES = 5.0  # time between checkpoints [s]
 
 
 class Search(ABC):
@@ -104,12 +103,8 @@ class Search(ABC):
     def finish(self, run: Run, *, bar: bool = True) -> None:
         """Search until rounds or time are used up, and write the best policy to the run's folder.
 
-        An interrupted run continues from its last checkpoint; Ctrl-C writes one.
-
-        Raises
-        ------
-        RunError
-            If the folder holds another run, or another process uses it.
+        An interrupted run continues from its last checkpoint; Ctrl-C writes one. Raise `RunError`
+        if the folder holds another run, or another process uses it.
         """
         with run.locked():
             run.open(self.settings)

@@ -30,8 +30,7 @@ from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 from mm_gym.arrays import Array
 from mm_gym.tasks import robust_ids
 
-FLOOR = 1e-3
-"""Of a correlation unit's denominator, see `agents.network.layers.Correlation`."""
+FLOOR = 1e-3  # of a correlation unit's denominator, see `agents.network.layers.Correlation`
 
 FLOORS, HARDLY = (0.05, 0.01, FLOOR), 1.01
 """Floors that are tried on your own scene, whose signals may be small next to them: the largest one
@@ -40,18 +39,13 @@ is taken, of the smoothest slopes, that costs at most so many times the least.""
 STRETCH, WEIGHT = 0.125, 1.0
 """Where a clipped LQR is designed: fraction of the stretch's range, and weight of its force."""
 
-WEIGHTS = 1e-3, 1e-2, 0.1, 1.0
-"""Of the force of clipped-optimal controls that are tried."""
+WEIGHTS = 1e-3, 1e-2, 0.1, 1.0  # of the force of clipped-optimal controls that are tried
 
 DAMPERS = ("damping",), ("voltage",)
 """Names of the actuators of a scene that a network begins to switch by itself."""
 
-GAIN = 2.0
-"""Of a switching function: the action is full as soon as it is beyond a half."""
-
-MEMORY = 0.97
-"""Of the estimate of a frequency: some 30 control steps."""
-
+GAIN = 2.0  # of a switching function: the action is full as soon as it is beyond a half
+MEMORY = 0.97  # of the estimate of a frequency: some 30 control steps
 
 CLEARLY = 1.1
 """By how much the start that suits the actuators may cost more than the cheapest one: on
@@ -73,15 +67,13 @@ SETTLED = 0.05, 0.25
 
 WEIGHTS_OF_MEMORY = "keep", "enter", "back"
 
-MOST_STATES = 64
-"""Of the memory of an LQG: each late frame adds some."""
+MOST_STATES = 64  # of the memory of an LQG: each late frame adds some
 
 SOFTER = 1.0, 0.5, 0.25, 0.125
 """Factors of the gain of correlation units that are tried where these may read a filter: where
 sensors are late by an unknown time, a small action costs less than a full one at the wrong time."""
 
-HELD = np.linspace(-1.0, 1.0, 17)
-"""Constant actions of a stretch or a device that are tried."""
+HELD = np.linspace(-1.0, 1.0, 17)  # constant actions of a stretch or a device that are tried
 
 COARSE, FINE = 0.3, 0.01
 """Size of the changes of a switching function's weights, and of those of a frequency's estimate:
@@ -101,37 +93,23 @@ IN_WORDS: dict[str, str] = {
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """What a network is before hidden units take part.
+    """What a network is before hidden units take part."""
 
-    Attributes
-    ----------
-    pairs, units
-        (r, 2, n + m), (r, 4): those of `agents.network.layers.Correlation`.
-    direct
-        (k, 1 + n + m + r): bias and direct weights of each action.
-    spreads
-        (r,) size of the changes of each pair's weights.
-    keep, enter, back
-        (m, m), (m, n), and (m, k) or (m, 0): the linear memory, which is not searched; where it
-        knows the action, that of `agents.network.layers.Observer`.
-    early, fade
-        (m, m + n + k) and (1,), or empty: those of `agents.network.layers.SettlingObserver`.
-    law
-        The name of what it is.
-    design
-        Of an LQG, what it was designed with: the factor of the force's weight, and `unmodelled`.
-    """
-
+    # pairs, units: (r, 2, n + m), (r, 4), those of `agents.network.layers.Correlation`
     pairs: Array
     units: Array
-    direct: Array
-    spreads: Array
+    direct: Array  # (k, 1 + n + m + r): bias and direct weights of each action
+    spreads: Array  # (r,) size of the changes of each pair's weights
+    # keep, enter, back: (m, m), (m, n), and (m, k) or (m, 0), the linear memory, which is not
+    # searched; where it knows the action, that of `agents.network.layers.Observer`
     keep: Array = field(default_factory=lambda: np.empty((0, 0)))
     enter: Array = field(default_factory=lambda: np.empty((0, 0)))
     back: Array = field(default_factory=lambda: np.empty((0, 0)))
+    # early, fade: (m, m + n + k), (1,), or empty: those of `agents.network.layers.SettlingObserver`
     early: Array = field(default_factory=lambda: np.empty((0, 0)))
     fade: Array = field(default_factory=lambda: np.empty(0))
-    law: LawName = "none"
+    law: LawName = "none"  # the name of what it is
+    # Of an LQG, what it was designed with: the factor of the force's weight, and `unmodelled`.
     design: tuple[float, float] | None = None
 
     def remembering(self, keep: Array, enter: Array, back: Array | None = None) -> Start:
@@ -192,10 +170,7 @@ class Start:
 def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Generator) -> Start:
     """Return the start that is asked for, with its further correlation units and its memory.
 
-    Raises
-    ------
-    DesignError
-        If the law does not apply to the scene. "auto" takes another one then.
+    Raise `DesignError` if the law does not apply to the scene. "auto" takes another one then.
     """
     own = settings.scene is not None
     filtered = own or settings.task in robust_ids()
@@ -277,17 +252,10 @@ def natural_law(scene: Scene) -> LawName:
 
 
 class Estimate(NamedTuple):
-    """What tells the state x1, x2, v1, v2 [m, m/s], of an observation and a linear memory.
+    """What tells the state x1, x2, v1, v2 [m, m/s], of an observation and a linear memory."""
 
-    Attributes
-    ----------
-    state
-        (4, n + m): the state is nearest to `state` @ (observation, memory).
-    keep, enter
-        (m, m), (m, n): the memory.
-    """
-
-    state: Array
+    state: Array  # (4, n + m): the state is nearest to `state` @ (observation, memory)
+    # keep, enter: (m, m), (m, n), the memory
     keep: Array
     enter: Array
 

@@ -32,11 +32,8 @@ HEARTBEAT, GRACE = 15, 60
 MOST_REPETITIONS = 100
 """Of one trial, so that one which no machine has room for is given up at last."""
 
-MAGIC = b"SQLite format 3\0"
-"""First bytes of a database."""
-
-ASIDE = ("-journal", "-wal", "-shm")
-"""Endings of the files that SQLite reads with a database."""
+MAGIC = b"SQLite format 3\0"  # first bytes of a database
+ASIDE = ("-journal", "-wal", "-shm")  # endings of the files that SQLite reads with a database
 
 PROCESS = "process"
 """Attribute of a trial: the machine and the number of the process that is busy with it."""
@@ -45,10 +42,7 @@ PROCESS = "process"
 def open_study(name: str, folder: Path, seed: int) -> Study:
     """Open the study in a folder, or begin it; repeat trials whose process is dead.
 
-    Raises
-    ------
-    RunError
-        If there is something else in the place of its file, or it is damaged.
+    Raise `RunError` if there is something else in the place of its file, or it is damaged.
     """
     _check_database(folder / "study.db")
     repeat = _repetition()
