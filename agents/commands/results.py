@@ -9,6 +9,7 @@ scores them again. Variants on rigs that differ are on the page of ``python -m a
 """
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from agents.commands.sweep import sweep
@@ -28,6 +29,7 @@ from agents.sweeps.results import (
     with_references,
 )
 from agents.sweeps.trials import SweepSettings, result_file
+from agents.training.config import RunSettings
 from agents.training.runs import Run
 from mm_gym.files import write_text
 
@@ -48,18 +50,22 @@ class ResultsSettings(SweepSettings):
 @command
 def main(settings: ResultsSettings) -> str | None:
     """Train and write from the command line."""
-    problem = None
+    data, trials = Path(settings.out).with_suffix(".json"), settings.trials()
+    known, problem = read_results(data) if os.path.lexists(data) else NOTHING, None
     if settings.train:
-        problem = sweep(settings, known=known_names(_known(settings), settings.trials()))
-    return problem or write(settings)
+        names = known_names(known, trials)
+        problem = sweep(settings, trials=[one for one in trials if one.name not in names])
+    return problem or write(settings, trials, known)
 
 
-def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
-    """Write data, page, figures and policies; return what is wrong, or None."""
-    folder, out = root / settings.name, Path(settings.out)
-    data, figures = _data(settings), out.with_suffix("")
-    known = _known(settings)
-    done = [trial for trial in settings.trials() if result_file(Run(trial.name, folder)).exists()]
+def write(settings: ResultsSettings, trials: Sequence[RunSettings], known: Results) -> str | None:
+    """Write data, page, figures and policies; return what is wrong, or None.
+
+    Trainings of the sweep that are finished are added to the results that are known.
+    """
+    folder, out = Path("runs") / settings.name, Path(settings.out)
+    data, figures = out.with_suffix(".json"), out.with_suffix("")
+    done = [trial for trial in trials if result_file(Run(trial.name, folder)).exists()]
     rows = [training_of(trial, folder) for trial in done]
     if not rows and not known.trainings:
         return f"error: {folder}: no finished training here, and none in {data}"
@@ -72,11 +78,3 @@ def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
     draw_results(known, figures, policies)
     print(f"written: {out}, {data}, {figures}/, {told}, {policies}/")
     return None
-
-
-def _data(settings: ResultsSettings) -> Path:
-    return Path(settings.out).with_suffix(".json")
-
-
-def _known(settings: ResultsSettings) -> Results:
-    return read_results(_data(settings)) if os.path.lexists(_data(settings)) else NOTHING

@@ -8,7 +8,7 @@ Each training is a run folder in ``runs/NAME``, and ``results.csv`` there has a 
 same command again does what is left, and with more seeds or tasks what is new.
 """
 
-from collections.abc import Container
+from collections.abc import Sequence
 from pathlib import Path
 
 from tqdm import tqdm
@@ -16,6 +16,7 @@ from tqdm import tqdm
 from agents.errors import command
 from agents.sweeps.trials import HERE, SweepSettings, check_scenes, result_file, write_results
 from agents.sweeps.workers import work_here, work_on_ray
+from agents.training.config import RunSettings
 from agents.training.ending import notes_of
 from agents.training.runs import Run
 
@@ -27,14 +28,14 @@ def main(settings: SweepSettings) -> str | None:
 
 
 def sweep(
-    settings: SweepSettings, root: Path = Path("runs"), known: Container[str] = ()
+    settings: SweepSettings, root: Path = Path("runs"), trials: Sequence[RunSettings] | None = None
 ) -> str | None:
-    """Do the trainings that are left, but those whose names are known; return what went wrong.
+    """Do the trainings that are left, of all or of some; return what went wrong, or None.
 
     Raise `SceneError` if a setting of a training is wrong, or a scene differs. No folder is made.
     Raise `RunError` if another process is at work on this sweep.
     """
-    trials = [trial for trial in settings.trials() if trial.name not in known]
+    trials = settings.trials() if trials is None else trials
     folder = Run(settings.name, root)
     with folder.locked():
         whole = folder.folder.resolve()
