@@ -46,9 +46,7 @@ class Arguments:
 
 
 def add_controllers(
-    scores: dict[str, dict[str, Any]],
-    names: Sequence[str],
-    tasks: Sequence[str],
+    scores: dict[str, dict[str, Any]], names: Sequence[str], tasks: Sequence[str]
 ) -> None:
     """Score classical controllers, and put them among the scores of their tasks."""
     known = sorted({entry.name for entry in every_entry()})
@@ -107,7 +105,7 @@ def add_published(scores: dict[str, dict[str, Any]]) -> None:
         if row.file is not None and row.task in scores:
             scene = load_scene(row.task)
             agent = controller_of(row, scene)
-            agent.name = f"{row.algorithm.replace('_', ' ')}, published"
+            agent.name = row.agent
             _add(scores[row.task]["rows"], scene, agent)
 
 

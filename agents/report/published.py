@@ -29,6 +29,11 @@ RECORD = "published.json"  # the file in the folder that says what each policy i
 LARGEST = 60_000  # size of a policy that is published [bytes]; a table of value iteration is larger
 MOST_BYTES = 2**20  # largest record
 
+NAMES = {"crossq": "CrossQ", "recurrent_ppo": "recurrent PPO"} | {
+    name: name.upper() for name in ("ppo", "sac", "td3", "tqc")
+}
+"""Of algorithms, in prose."""
+
 Cost = Annotated[float, Field(ge=0)]
 
 
@@ -62,9 +67,9 @@ class Row(BaseModel, strict=True, allow_inf_nan=False):
         return f"{short_name(self.task)}, {self.algorithm}"
 
     @property
-    def span(self) -> str:
-        """The costs of the best and the worst seed, as pages have them."""
-        return f"{printed(self.least)} to {printed(self.most)}"
+    def agent(self) -> str:
+        """What it is called among other controllers of its task."""
+        return f"{NAMES.get(self.algorithm, self.algorithm.replace('_', ' '))}, published"
 
 
 class Published(BaseModel, strict=True):
@@ -154,6 +159,11 @@ def printed(cost: float) -> str:
     return f"{cost:.4f}"
 
 
+def cost_range(least: float, most: float) -> str:
+    """Return a range of costs as pages have it."""
+    return f"{printed(least)} to {printed(most)}"
+
+
 def controller_of(row: Row, scene: Scene, folder: Path = FOLDER) -> Controller:
     """Return a published policy, which has a file, as the controller of its scene.
 
@@ -184,12 +194,18 @@ def page(published: Published, results: Results) -> str:
     found, tasks = published.rows, ids()
     own = [row for row in found if row.task in tasks]  # the others are of variants
     of_page = {(one.task, one.algorithm) for one in results.trainings}
+    earlier = [row for row in own if (row.task, row.algorithm) not in of_page]
+    known = dict.fromkeys(short_name(row.task) for row in own)
+    lacking = {
+        name: [one for one in known if one not in of_name]
+        for name, of_name in _tasks_of(own).items()
+    }
     rows = [
         [
             short_name(row.task),
             row.algorithm,
             printed(row.cost),
-            row.span,
+            cost_range(row.least, row.most),
             str(row.seeds),
             str(row.seed),
             f"{row.size / 1000.0:.1f}",
@@ -203,23 +219,13 @@ def page(published: Published, results: Results) -> str:
         largest=LARGEST // 1000,
         episodes=EPISODES,
         scored=list(dict.fromkeys(row.scored for row in found)),
-        earlier=_by_algorithm([row for row in own if (row.task, row.algorithm) not in of_page]),
-        missing=_missing(own),
+        earlier={name: ", ".join(of_name) for name, of_name in _tasks_of(earlier).items()},
+        missing={name: ", ".join(of_name) for name, of_name in lacking.items() if of_name},
         left_out=any(row.file is None for row in found),
     )
 
 
-def _by_algorithm(rows: Sequence[Row]) -> dict[str, str]:
-    """Return the tasks of the rows of each algorithm."""
-    algorithms = sorted({row.algorithm for row in rows}, key=LEARNERS.index)
-    tasks = {name: [row.task for row in rows if row.algorithm == name] for name in algorithms}
-    return {name: ", ".join(map(short_name, of_name)) for name, of_name in tasks.items()}
-
-
-def _missing(rows: Sequence[Row]) -> dict[str, str]:
-    """Return the tasks on which an algorithm has no policy, and another algorithm has one."""
-    known = {(row.algorithm, short_name(row.task)) for row in rows}
-    tasks = list(dict.fromkeys(short_name(row.task) for row in rows))
-    algorithms = sorted({row.algorithm for row in rows}, key=LEARNERS.index)
-    lacking = {name: [task for task in tasks if (name, task) not in known] for name in algorithms}
-    return {name: ", ".join(of_name) for name, of_name in lacking.items() if of_name}
+def _tasks_of(rows: Sequence[Row]) -> dict[str, list[str]]:
+    """Return the tasks of the rows of each algorithm, by its name."""
+    names = sorted({row.algorithm for row in rows}, key=LEARNERS.index)
+    return {one: [short_name(row.task) for row in rows if row.algorithm == one] for one in names}

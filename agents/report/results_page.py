@@ -8,7 +8,7 @@ from agents.evaluation.headroom import CLASSICAL
 from agents.evaluation.scores import read_scores
 from agents.evaluation.sealed import read_sealed
 from agents.report.pages import percent, render
-from agents.report.published import printed
+from agents.report.published import cost_range, printed
 from agents.report.score_pages import of_sealed, span, standing
 from agents.scoring import tail_mean
 from agents.sweeps.results import Cell, Earlier, OnTask, Results, on_tasks
@@ -48,7 +48,10 @@ def page(results: Results, folder: str) -> str:
         costs=_costs(known, results.earlier, tasks, algorithms),
         details=_details(known),
         earlier=[
-            [short_name(one.task), one.algorithm, str(one.seeds), printed(one.cost), _range(one)]
+            [
+                *(short_name(one.task), one.algorithm, str(one.seeds)),
+                *(printed(one.cost), cost_range(one.least, one.most)),
+            ]
             for one in results.earlier
         ],
         most=max(counts.values(), default=0),
@@ -57,10 +60,6 @@ def page(results: Results, folder: str) -> str:
         failures=[_failures(one) for one in known],
         **{name: f"{folder}/{name}.png" for name in FIGURES},
     )
-
-
-def _range(one: Earlier) -> str:
-    return f"{printed(one.least)} to {printed(one.most)}"
 
 
 def _each(known: Sequence[OnTask]) -> Iterator[tuple[OnTask, Cell]]:
@@ -109,7 +108,7 @@ def _details(known: Sequence[OnTask]) -> list[list[str]]:
             one.name,
             cell.algorithm,
             str(len(cell.trainings)),
-            f"{printed(cell.costs.min())} to {printed(cell.costs.max())}",
+            cost_range(cell.costs.min(), cell.costs.max()),
             printed(cell.validation),
             str(cell.cheaper(one.reference)),
             span(cell.improvement(one.reference), 2),

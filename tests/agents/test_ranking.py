@@ -143,8 +143,8 @@ def test_published_policies_have_the_same_cost_in_the_ranking():
     published = [one for one in read_published().rows if one.file and one.task in COMMITTED]
     assert published
     for one in published:
-        name = f"{one.algorithm.replace('_', ' ')}, published"
-        (found,) = [row for row in COMMITTED[one.task]["rows"] if row["controller"] == name]
+        rows = COMMITTED[one.task]["rows"]
+        (found,) = [row for row in rows if row["controller"] == one.agent]
         assert printed(found["cost"]) == printed(one.cost), one.name
 
 
