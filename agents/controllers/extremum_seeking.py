@@ -60,6 +60,5 @@ ENTRIES = (
         lambda scene: Feedback(scene, ExtremumSeeking(scene)),
         54,
         "further",
-        "extremum seeking",
     ),
 )

@@ -142,4 +142,4 @@ INERTIAL_DRIVE = Tunable(
     ),
 )
 
-ENTRIES = (INERTIAL_DRIVE.entry(("force",), 12, label="inertial drive", refuses=_refused),)
+ENTRIES = (INERTIAL_DRIVE.entry(("force",), 12, refuses=_refused),)

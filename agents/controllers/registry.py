@@ -40,12 +40,17 @@ class Entry:
     make: Callable[[Scene], Controller]  # makes it for a scene, tuned on the validation episodes
     order: int  # place in tables
     role: Role = "law"  # which tables it is in
-    label: str = ""  # in the list of what is not scored; by default the name, in words
+    label: str = ""  # its title, by default the name in words
     # Returns why it does not apply to a scene that has its actuators, or None.
     refuses: Callable[[Scene], str | None] = lambda _: None
     told: bool = False  # whether tables tell that it is not scored where it is refused
     # Its free numbers, which `python -m agents tune-controllers` searches.
     tunable: Tunable | None = None
+
+    @property
+    def title(self) -> str:
+        """What tables call it before it is made."""
+        return self.label or self.name.replace("-", " ")
 
 
 NUMBERS = Path(__file__).parents[2] / "configs" / "controllers.json"

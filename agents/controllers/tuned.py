@@ -57,7 +57,7 @@ def designed(
 def makers(scene: Scene, *roles: Role) -> Mapping[str, Callable[[Scene], Controller]]:
     """Return what makes the controllers of some roles, by label."""
     return {
-        entry.label or entry.name.replace("-", " "): entry.make
+        entry.title: entry.make
         for entry in entries(scene, *roles)
         if entry.told or entry.refuses(scene) is None
     }

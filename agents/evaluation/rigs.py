@@ -154,12 +154,10 @@ def _filters(scene: Scene) -> dict[str, Callable[[Scene], Controller]]:
     made: dict[str, Callable[[Scene], Controller]] = {}
     for entry in entries(scene, "filter"):
         if entry.refuses(scene) is None:
-            tunable = entry.tunable
-            made[entry.label] = (
-                entry.make
-                if tunable is None
-                else partial(tunable.design, numbers=tunable.numbers(scene))
-            )
+            made[entry.title] = entry.make
+            if entry.tunable is not None:
+                numbers = entry.tunable.numbers(scene)
+                made[entry.title] = partial(entry.tunable.design, numbers=numbers)
     return made | {HInfinity.name: HInfinity}
 
 
