@@ -221,14 +221,20 @@ class Trajectories:
         u = controls
         for k in range(rounds):
             best.take_better(trial := self.follow(episodes, u))
-            # Along the slope, which is 0 where a bound keeps the cost from falling: there the
-            # stiffness outweighs all curvature.
-            slope = -STIFFEST * self._step(trial, np.full(len(episodes), STIFFEST))[0]
+            slope = self._slope(trial)
             slope /= np.sqrt((slope**2).mean(axis=(0, 1))) + TINY
             kept, spread = moved_means(slope, mean, square, k + 1)
             size = 0.5 * LONGEST * (1.0 + np.cos(np.pi * k / rounds))
             u = np.clip(trial.controls - size * (mean / kept) / (spread + LEVEL), -1.0, 1.0)
         return best
+
+    def _slope(self, trajectory: Trajectory) -> Array:
+        """Return the cost's slope over each control, 0 where a bound keeps it from falling.
+
+        Where the stiffness outweighs all curvature, a step of Gauss and Newton is along it.
+        """
+        change, _ = self._step(trajectory, np.full(len(trajectory.cost), STIFFEST))
+        return -STIFFEST * change
 
     def _step(self, trajectory: Trajectory, stiffness: Array) -> tuple[Array, Array]:
         """Return a step of Gauss and Newton, its change of the controls and its gains."""

@@ -208,13 +208,7 @@ def hidden_mode(a: Array, c: Array) -> complex | None:
     return None
 
 
-def _check(
-    gain: Array,
-    p: Array,
-    a: Array,
-    b: Array,
-    stage: Quadratic,
-) -> None:
+def _check(gain: Array, p: Array, a: Array, b: Array, stage: Quadratic) -> None:
     closed, crossed = a - b @ gain, stage.cross @ gain
     residual = closed.T @ p @ closed + gain.T @ stage.force @ gain + stage.state - p
     residual -= crossed + crossed.T

@@ -62,10 +62,7 @@ class Headroom(NamedTuple):
 
 
 def headroom(
-    scene: Scene,
-    learned: Sequence[Controller] = (),
-    kept: Array | None = None,
-    seed: int = 0,
+    scene: Scene, learned: Sequence[Controller] = (), kept: Array | None = None, seed: int = 0
 ) -> Headroom:
     """Score every controller, the planner last, on the same held-out episodes.
 

@@ -1,13 +1,13 @@
 """Plans: the best found of each episode, knowing what is to come, and those made in every step."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from agents.control.controller import Controller, Memory, Reads
-from agents.control.trajectories import Trajectories, Trajectory
+from agents.control.trajectories import Indices, Trajectories, Trajectory
 from agents.controllers.noise import correlated
 from agents.evaluation.local_search import LocalSearch
 from mm_gym import MovingMassVectorEnv, Scene
@@ -114,15 +114,15 @@ class Planner(Controller):
     def _begin(self) -> None:
         """Improve all starts for a while, then the best of each episode."""
         starts = dict(self._starts())
-        found = self._improved(starts, self.effort.first)
+        found = self._improved(starts.values(), self.effort.first)
         costs = found.cost.reshape(len(starts), -1)
         order = np.argsort(costs, axis=0)[: self.effort.kept]
         names, rows = list(starts), np.arange(costs.shape[1])
         shape = (*found.controls.shape[:2], *costs.shape)
         controls = found.controls.reshape(shape)
         for place in order:
-            origins = [names[k] for k in place]
-            self._keep(controls[:, :, place, rows], self.effort.second, origins)
+            best = self._improved([controls[:, :, place, rows]], self.effort.second)
+            self._take(best, slice(None), [names[k] for k in place])
 
     def _starts(self) -> Iterator[tuple[str, Array]]:
         for name, applied in self.starts.items():
@@ -154,44 +154,38 @@ class Planner(Controller):
 
     def _descend(self) -> None:
         """Let changed plans descend, then improve them."""
-        count, steps, descent = self.controls.shape[2], self.effort.steps, self.effort.descent
         changed = [
             np.clip(self.controls + size * self._drawn(correlation), -1.0, 1.0)
             for size, correlation in CHANGES
         ]
-        episodes = np.tile(np.arange(count), len(changed))
-        found = self.problem.descend(episodes, np.concatenate(changed, axis=2), descent).controls
-        plans = {
-            f"changed by {size:g}, and by gradients": found[..., k * count : (k + 1) * count]
-            for k, (size, _) in enumerate(CHANGES)
-        }
-        self._go_on(plans, steps)
+        found = self.problem.descend(*self._together(changed), self.effort.descent).controls
+        names = [f"changed by {size:g}, and by gradients" for size, _ in CHANGES]
+        plans = np.split(found, len(CHANGES), axis=2)
+        self._go_on(dict(zip(names, plans, strict=True)), self.effort.steps)
 
     def _go_on(self, plans: Mapping[str, Array], steps: int) -> None:
-        found = self._improved(plans, steps)
-        count = self.controls.shape[2]
+        found, count = self._improved(plans.values(), steps), len(self.cost)
         for k, name in enumerate(plans):
-            own = slice(k * count, (k + 1) * count)
             origins = [f"{origin}, {name}" if name else origin for origin in self.origins]
-            self._take(found.controls[..., own], found.actions[..., own], found.cost[own], origins)
+            self._take(found, slice(k * count, (k + 1) * count), origins)
 
-    def _keep(self, controls: Array, steps: int, origins: list[str]) -> None:
-        found = self.problem.improve(np.arange(controls.shape[2]), controls, steps)
-        self._take(found.controls, found.actions, found.cost, origins)
-
-    def _take(self, controls: Array, actions: Array, cost: Array, origins: list[str]) -> None:
-        """Keep plans in the lanes in which they are better than the best."""
-        better = cost < self.cost
-        self.controls = np.where(better, controls, self.controls)
-        self.actions = np.where(better, actions, self.actions)
-        self.cost = np.where(better, cost, self.cost)
+    def _take(self, found: Trajectory, lanes: slice, origins: list[str]) -> None:
+        """Keep plans, one for each episode, where they are better than the best."""
+        better = found.cost[lanes] < self.cost
+        self.controls = np.where(better, found.controls[..., lanes], self.controls)
+        self.actions = np.where(better, found.actions[..., lanes], self.actions)
+        self.cost = np.where(better, found.cost[lanes], self.cost)
         pairs = zip(better, origins, self.origins, strict=True)
         self.origins = [new if is_better else old for is_better, new, old in pairs]
 
-    def _improved(self, plans: Mapping[str, Array], steps: int) -> Trajectory:
-        together = np.concatenate(list(plans.values()), axis=2)
-        episodes = np.tile(np.arange(self.controls.shape[2]), len(plans))
-        return self.problem.improve(episodes, together, steps)
+    def _improved(self, plans: Iterable[Array], steps: int) -> Trajectory:
+        return self.problem.improve(*self._together(plans), steps)
+
+    def _together(self, plans: Iterable[Array]) -> tuple[Indices, Array]:
+        """Return the episodes of plans side by side, and the plans."""
+        side_by_side = np.concatenate(list(plans), axis=2)
+        count = len(self.cost)
+        return np.tile(np.arange(count), side_by_side.shape[2] // count), side_by_side
 
     def _drawn(self, correlation: float) -> Array:
         return correlated(self.noise, self.controls.shape, correlation)

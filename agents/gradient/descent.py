@@ -24,14 +24,7 @@ from agents.gradient.network import (
     shorten,
     with_oscillators,
 )
-from agents.gradient.settings import (
-    AVERAGED,
-    STEEPEST,
-    WARMED,
-    GradientSettings,
-    fitted,
-    schedule,
-)
+from agents.gradient.settings import AVERAGED, STEEPEST, WARMED, GradientSettings, fitted, schedule
 from agents.network.layers import UNIT
 from agents.policies import Policy
 from agents.training.arrays import Arrays

@@ -149,7 +149,9 @@ class SweepSettings(Document):
             table = {key: value for key, value in data.items() if key not in LEARNERS}
             _check_settings(algorithm, kind, table)
             alone = {"threads": 1} if "threads" in kind.model_fields else {}
-            good = {} if table.keys() & kind.fitted else _good(f"mm_gym/{task}-v0", kind)
+            good: dict[str, JsonValue] = {}
+            if not table.keys() & kind.fitted:  # known to be good for the task, without defaults
+                good = good_settings(f"mm_gym/{task}-v0", kind).model_dump(exclude_unset=True)
             return kind.of({**alone, **good, **table, **fixed})
         except SceneError as error:
             msg = "\n".join(f"{name}: {line}" for line in str(error).splitlines())
@@ -210,11 +212,6 @@ def check_scenes(trials: Iterable[RunSettings], folder: Path | None = None) -> N
             raise SceneError(msg)
 
 
-def _good(task: str, kind: type[RunSettings]) -> dict[str, JsonValue]:
-    """Return what is known to be good for a task, without the defaults."""
-    return good_settings(task, kind).model_dump(exclude_unset=True)
-
-
 def _table(
     tables: Mapping[str, JsonValue], name: str, what: str = "settings"
 ) -> dict[str, JsonValue]:
@@ -259,7 +256,7 @@ def do_trial(text: str, folder: str | Path) -> None:
     The settings are JSON, which any process can be sent.
     """
     data = json.loads(text)
-    settings = _kind(_algorithm(data["name"])).of(data)
+    settings = _kind(_words(data["name"])[1]).of(data)
     run = Run(settings.name, folder)
     if not result_file(run).exists():
         write_text(result_file(run), _scored_training(settings, run).model_dump_json() + "\n")
@@ -285,17 +282,17 @@ def _scored_training(settings: RunSettings, run: Run) -> Score:
 
 def variant_of(trial: RunSettings) -> str:
     """Return the variant of a training of a sweep, by its name."""
-    return trial.name.split("-", 2)[2].rpartition("-")[0]
+    return _words(trial.name)[2].rpartition("-")[0]
 
 
 def algorithm_of(trial: RunSettings) -> str:
     """Return the algorithm of a training of a sweep, by its name."""
-    return _algorithm(trial.name)
+    return _words(trial.name)[1]
 
 
-def _algorithm(name: str) -> str:
-    """Return the algorithm of a training, from TASK-ALGORITHM-VARIANT-SEED."""
-    return name.split("-")[1]
+def _words(name: str) -> list[str]:
+    """Return task, algorithm, and variant with seed, from TASK-ALGORITHM-VARIANT-SEED."""
+    return name.split("-", 2)
 
 
 def result_file(run: Run) -> Path:

@@ -232,10 +232,6 @@ class Run:
         }
         write_text(self.record, json.dumps(contents, indent=2) + "\n")
 
-    def fits(self, settings: RunSettings) -> bool:
-        """Tell whether the folder holds no run, or one of these settings and this scene."""
-        return not self._differences(settings)
-
     def _differences(self, settings: RunSettings) -> list[str]:
         """Return what keeps the run that is here, if there is one, from going on with settings."""
         if not os.path.lexists(self.record):
@@ -253,7 +249,7 @@ class Run:
 
     def takes(self, settings: RunSettings) -> bool:
         """Tell whether training with these settings can begin or continue in the folder."""
-        return not self.finished and self.fits(settings)
+        return not self.finished and not self._differences(settings)
 
     def read(self) -> dict[str, Any]:
         """Return the record, as `Record` says.

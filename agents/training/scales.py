@@ -48,9 +48,7 @@ class Scales:
         inputs, outputs, updates = (np.sqrt(total / watched.steps) for total in sums)
         units = np.ones(len(start.units))  # are of order one
         return cls(
-            _usable(np.concatenate([inputs, units])),
-            np.clip(outputs, LEAST, 1.0),
-            _usable(updates),
+            _usable(np.concatenate([inputs, units])), np.clip(outputs, LEAST, 1.0), _usable(updates)
         )
 
     @classmethod

@@ -89,11 +89,7 @@ def as_toml(settings: TrainSettings, comment: str, name: str) -> str:
             lines.append(f"{key} = {_written(value)}")
         elif key in ("changes", settings.algorithm):
             own = {k: v for k, v in value.items() if v != default[key].get(k)}
-            tables += [
-                "",
-                f"[{key}]",
-                *(f"{_key(k)} = {_written(v)}" for k, v in own.items()),
-            ]
+            tables += ["", f"[{key}]", *(f"{_key(k)} = {_written(v)}" for k, v in own.items())]
     return "\n".join([*lines, *tables]) + "\n"
 
 
