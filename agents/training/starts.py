@@ -25,7 +25,7 @@ from agents.policies import Policy, network
 from agents.scoring import validation_cost
 from agents.training.config import LawName, SearchSettings
 from agents.training.forecast import force_memory
-from mm_gym import ActionError, CompileError, DesignError, Scene, compile_scene
+from mm_gym import ActionError, CompileError, DesignError, LinearSystem, Scene, compile_scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 from mm_gym.arrays import Array
 from mm_gym.tasks import robust_ids
@@ -320,18 +320,29 @@ class Shown:
         for unmodelled in UNMODELLED if self.filtered else ():
             with suppress(CompileError, DesignError):
                 system, gains = design_filter(scene, at, unmodelled)
-                units, corrected = state_units(scene, plant, system), -gains @ system.C
-                corrected[np.diag_indices_from(corrected)] += 1.0
-                keep = corrected @ system.A * units / units[:, None]
-                columns_of = [self.channels.index(signal.name) for signal in system.outputs]
-                enter = np.zeros((len(keep), self.count))
-                places = [self.count - self.frame + k for k in columns_of]
-                enter[:, places] = gains * self.units[columns_of] / units[:, None]
+                units = state_units(scene, plant, system)
+                _, keep, enter = self.memory_of(system, gains, units)
                 state = np.zeros((4, self.count + len(keep)))
                 state[:, self.count : self.count + 4] = np.diag(units[:4])
                 if len(keep) <= MOST_STATES:
                     found.append(Estimate(state, keep, enter))
         return found
+
+    def memory_of(
+        self, system: LinearSystem, gains: Array, units: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return 1 - F C of a filter's gains F, and `keep` and `enter` of the memory that it is.
+
+        The memory is the estimate x = (1 - F C) A x + F y, each state over its unit, of the newest
+        frame y.
+        """
+        corrected = np.eye(len(system.A)) - gains @ system.C
+        keep = corrected @ system.A * units / units[:, None]
+        shown = [self.channels.index(signal.name) for signal in system.outputs]
+        enter = np.zeros((len(keep), self.count))
+        newest = self.count - self.frame
+        enter[:, [newest + k for k in shown]] = gains * self.units[shown] / units[:, None]
+        return corrected, keep, enter
 
     def stretch(self) -> Array | None:
         """Return (1 + n,) bias and weights of the stretch, or None if it is not shown."""
@@ -517,15 +528,10 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float, held
     if len(system.A) > MOST_STATES:
         msg = f"law: 'lqg' has {len(system.A)} states here; allowed: at most {MOST_STATES}"
         raise DesignError(msg)
-    columns_of = [shown.channels.index(signal.name) for signal in system.outputs]
-    units, gains = state_units(scene, compile_scene(scene), system), design.filters[-1]
-    corrected = np.eye(len(system.A)) - gains @ system.C
-    keep = corrected @ system.A * units / units[:, None]
+    units = state_units(scene, plant_of(scene), system)
+    corrected, keep, enter = shown.memory_of(system, design.filters[-1], units)
     back = np.zeros((len(keep), shown.actions))
     back[:, 0] = corrected @ system.B[:, 0] * limit / units
-    enter = np.zeros((len(keep), shown.count))
-    newest = shown.count - shown.frame
-    enter[:, [newest + k for k in columns_of]] = gains * shown.units[columns_of] / units[:, None]
     start = held.remembering(keep, enter, back)
     start.direct[0, 1 + shown.count :] = -design.gain * units / limit
     return start
@@ -601,7 +607,7 @@ def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
         msg = "sensors.channels: switching needs the velocity of the damper's ends; allowed"
         msg += ": channels that show it, or displacements with sensors.history of at least 2"
         raise DesignError(msg)
-    return min(found, key=lambda start: _cost(scene, start))
+    return _best(scene, found)
 
 
 def _clipped_damping(scene: Scene, weight: float, state: Array) -> Array:
@@ -657,7 +663,7 @@ def _tracking(scene: Scene, shown: Shown) -> Start:
         direct[0, :-1] = -present
         direct[0, 0] += level
         direct[0, -1] = slope
-        direct /= command.actuator.rate_limit * step
+        direct /= command.travel
     units = np.array([[MEMORY, FLOOR, middle, scale]])
     return Start(pair[None], units, direct, np.array([FINE]))
 

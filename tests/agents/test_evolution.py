@@ -141,6 +141,14 @@ class TestNetworks:
         found = np.arccos(np.mean(cosines[40:])) / scene.control.time_step
         assert found == pytest.approx(frequency, rel=0.03)
 
+    def test_tracking_starts_alike_where_the_rate_of_the_stretch_is_commanded(self):
+        scene, costs = scene_of("PreStretch"), []
+        for what in ("position", "rate"):
+            commanded = scene.replace(**{"actuation.stretch.command": what})
+            start = start_of(commanded, EvolveSettings(law="tracking"), np.random.default_rng(0))
+            costs.append(validation_cost(commanded, Learned(start.policy())))
+        assert costs[1] == pytest.approx(costs[0], rel=1e-4)
+
     def test_odd_networks_push_the_mirrored_motion_the_other_way(self):
         scene, rng = scene_of("CarriageForceFriction"), np.random.default_rng(0)
         network = Network(start_of(scene, EvolveSettings(), rng), 8, odd=True)
