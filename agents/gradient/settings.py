@@ -69,7 +69,7 @@ class GradientSettings(SearchSettings):
     same observation and actions, such as the task that a variant on rigs that differ is of; it has
     no `changes`, and validations are on this scene alone"""
     share: Annotated[float, Field(gt=0, lt=1)] = 0.5
-    """part of the episodes that is of the other scene"""
+    """fraction of the episodes that is of the other scene"""
     floor: Positive = 0.05
     """floor of the correlation units' denominators; a smaller one switches more sharply; for your
     own scene the best of three"""
