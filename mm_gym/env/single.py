@@ -67,10 +67,10 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     step, and the last one is shown again. At the start of an episode the first frame is used in
     place of earlier ones.
 
-    The actuators bound the applied force and the stretch, unless these channels have noise; all
-    other channels are unbounded. A limit of the displacement is not a bound, because the step that
-    ends an episode exceeds it. Numbers too large for single precision are shown as its largest
-    number, 3.4e38.
+    The actuators bound the applied force, stretch, damping and voltage, unless these channels have
+    noise or a bias; all other channels are unbounded. A limit of the displacement is not a bound,
+    because the step that ends an episode exceeds it. Numbers too large for single precision are
+    shown as its largest number, 3.4e38.
 
     ===============================================  =========================================
     channel                                          scaled by
