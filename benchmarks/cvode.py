@@ -31,11 +31,8 @@ BETA, STIFFNESS, DAMPING, C, S, SIDE, VR = 4, 2, 3, 5, 6, 7, 8
 """Slots of the parameters; m1 and m2 come first. `SIDE` is the regime, `VR` 0 without events."""
 
 STICK, LEFT, RIGHT = 0, -1, 1
-REGIMES = (STICK, RIGHT, LEFT)
-"""A regime's index in this tuple is that of its solver."""
-
-MOST_STEPS = 1_000_000
-"""Steps of a call, which cannot be interrupted otherwise."""
+REGIMES = (STICK, RIGHT, LEFT)  # a regime's index in this tuple is that of its solver
+MOST_STEPS = 1_000_000  # steps of a call, which cannot be interrupted otherwise
 
 
 @cache

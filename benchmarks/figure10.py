@@ -17,8 +17,7 @@ from mm_gym.precision.oracle import Oracle
 if TYPE_CHECKING:
     from mm_gym import Scene
 
-SAMPLES = 6
-"""Points of figure 10 that SciPy integrates; its time for all is extrapolated from them."""
+SAMPLES = 6  # points of figure 10 that SciPy integrates; its time for all is extrapolated from them
 
 
 def figure10() -> str:

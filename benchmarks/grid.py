@@ -46,8 +46,7 @@ TIME_STEP = 5e-3
 TOLERANCES = (1e-2, 1e-3, 1e-6, 1e-9)
 ROUNDS = 7
 SUBSTEPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
-COMPARED = 1024
-"""Lanes of which errors are measured; the kernels by hand have them many times over."""
+COMPARED = 1024  # lanes of which errors are measured; the kernels by hand have them many times over
 
 SPRINGS = {
     "none": {"kind": "none"},

@@ -59,8 +59,7 @@ SCENES = {name.removeprefix("mm_gym/"): load_scene(name) for name in ids()} | {
 """The tasks, and what else is nonlinear."""
 
 FIGURE = Path(__file__).parent.parent / "docs" / "lanes.png"
-LEAST = 1e-12
-"""Errors below this one are drawn as it is."""
+LEAST = 1e-12  # errors below this one are drawn as it is
 
 INTRODUCTION = f"""## Many lanes: speed over accuracy
 
@@ -212,8 +211,7 @@ def _settings(scene: Scene) -> list[tuple[str, Scene]]:
     return list(found.items())
 
 
-BY_HAND = ("rk4", "semi_implicit_euler")
-"""Methods that are there for comparison only."""
+BY_HAND = ("rk4", "semi_implicit_euler")  # methods that are there for comparison only
 
 
 def tightest(scene: Scene) -> dict[str, object]:

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 LANES = (16_384, 65_536)
 TASKS = ("mm_gym/CarriageForce-v0", "mm_gym/PreStretch-v0")
 ENDLESS = 10**9
-LASTING = 33
-"""Control steps of an episode where 3 % of the lanes end in each step."""
+LASTING = 33  # control steps of an episode where 3 % of the lanes end in each step
 
 ROLLOUT = 8
 HIDDEN = 64

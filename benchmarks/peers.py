@@ -38,11 +38,8 @@ if TYPE_CHECKING:
     Interface = tuple[float, float]
     Field = Callable[[float, State], State]
 
-DURATION = 1.0
-"""Length of the motion [s]."""
-
-BUDGET = 2.0
-"""Time that a run of SciPy may take [s]."""
+DURATION = 1.0  # length of the motion [s]
+BUDGET = 2.0  # time that a run of SciPy may take [s]
 
 MOST_EVENTS = 100_000
 MOST_STEPS = 10_000_000

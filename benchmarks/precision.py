@@ -52,8 +52,7 @@ QUICK = 0.05
 
 ROUNDS = 15
 
-CLOSE = 10.0
-"""Ratio up to which decimals are printed."""
+CLOSE = 10.0  # ratio up to which decimals are printed
 
 OURS = "mm_gym"
 MISSED = "-"

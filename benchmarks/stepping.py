@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 LANES, MANY_LANES = 16_384, 65_536
 ENDLESS = 10**9
 ROUNDS, REPEATS = 9, 40
-LONGEST = 100
-"""Control steps of an episode, at most."""
+LONGEST = 100  # control steps of an episode, at most
 
 PROCESSOR = "Times are processor time, which other processes on the machine hardly disturb.\n"
 UNDISTURBED = f"""Two threads finish when the slower of them does, and on a shared machine other
@@ -54,8 +53,7 @@ ENVPOOL = """envpool runs in its synchronous mode with one thread. A step of its
 only looks into a table, takes about as long as a step of its CartPole.
 
 """
-ACTIONS = 8
-"""Arrays of random actions, used in turns."""
+ACTIONS = 8  # arrays of random actions, used in turns
 
 MANY = {
     name.removeprefix("mm_gym/"): scene.replace(
@@ -65,8 +63,7 @@ MANY = {
 }
 """The tasks, in short episodes."""
 
-PERIOD = 33
-"""Control steps of an episode of which 3 % end in each step, if their ages are random."""
+PERIOD = 33  # control steps of an episode of which 3 % end in each step, if their ages are random
 
 ENDING = ("CarriageForce-v0", "PreStretch-v0")
 AUTORESET = {"NextStep": "next step", "SameStep": "same step"}

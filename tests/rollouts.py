@@ -4,8 +4,7 @@ import numpy as np
 
 from mm_gym import MovingMassEnv
 
-LANES = 4
-"""Lanes of the vector environment that the fixture `make` of tests/env makes."""
+LANES = 4  # lanes of the vector environment that the fixture `make` of tests/env makes
 
 
 def random_actions(env, steps, seed=0):

@@ -3,8 +3,7 @@
 from mm_gym import load_scene
 from mm_gym.tasks import ids
 
-TASKS = {name: load_scene(name) for name in ids()}
-"""Scene of each registered id."""
+TASKS = {name: load_scene(name) for name in ids()}  # scene of each registered id
 
 ACTIVE_MASS_DAMPER = TASKS["mm_gym/ActiveMassDamper-v0"]
 CARRIAGE_FORCE = TASKS["mm_gym/CarriageForce-v0"]

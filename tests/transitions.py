@@ -15,8 +15,7 @@ CHANGES = {"control.steps": STEPS, "objective.displacement_limit": LIMIT}
 SCENE = CARRIAGE_FORCE.replace(**CHANGES)
 """Under random actions most episodes end at the limit, the others at the horizon."""
 
-ROUNDING = 2.0**-24
-"""Largest relative error of a number in single precision."""
+ROUNDING = 2.0**-24  # largest relative error of a number in single precision
 
 
 def relation():

@@ -2,8 +2,7 @@
 
 from mm_gym import Scene
 
-PLACE = 0.01
-"""Wells or barrier at x1 = +-10 mm."""
+PLACE = 0.01  # wells or barrier at x1 = +-10 mm
 
 BISTABLE = Scene(
     carriage={"linear_coefficient": -1.0, "cubic_coefficient": PLACE**-2},

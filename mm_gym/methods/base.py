@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from mm_gym.methods.support import Support
     from mm_gym.step.control_step import Entries
 
-ROUND_OFF = 2.0**-54
-"""Relative size below which a term of a series changes nothing."""
+ROUND_OFF = 2.0**-54  # relative size below which a term of a series changes nothing
 
 
 class Settings(NamedTuple):

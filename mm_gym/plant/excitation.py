@@ -25,14 +25,9 @@ from mm_gym.scene.scene import Scene, bounds
 
 Slots = tuple[float, float, float, float]
 
-NUMBER = "record"
-"""Field of the number of an episode's record in a set, which nobody states."""
-
-MOST_SAMPLES = 10_000_000
-"""Samples of the records of a part, at most, of 16 bytes each."""
-
-HARMONIC = -1
-"""Code of a harmonic, which has no branch in the kernels: the methods know its rows."""
+NUMBER = "record"  # field of the number of an episode's record in a set, which nobody states
+MOST_SAMPLES = 10_000_000  # samples of the records of a part, at most, of 16 bytes each
+HARMONIC = -1  # code of a harmonic, which has no branch in the kernels: the methods know its rows
 
 P = TypeVar("P", bound="Part")
 
@@ -42,11 +37,8 @@ SWEEP_REMAINDER = 2e-14
 MOST_PER_TURN = 64
 """Sample intervals to `kernels.LONGEST_TURN`, at most, that a fast sweep asks for."""
 
-NOISE_PHASE = 0.25
-"""Longest default sample time of filtered noise, times its highest frequency."""
-
-MOST_IMPULSES = 16.0
-"""Random impulses that fall into a sample interval on average, at most."""
+NOISE_PHASE = 0.25  # longest default sample time of filtered noise, times its highest frequency
+MOST_IMPULSES = 16.0  # random impulses that fall into a sample interval on average, at most
 
 SHORTFALL = 0.01
 """Most that the standard deviation half-way between two samples of noise is below theirs, unless
@@ -422,20 +414,14 @@ def samples_of(name: str, part: Any) -> tuple[Any, Array, float]:  # noqa: ANN40
         raise SceneError(msg) from error
 
 
-NEVER = {"plateau": inf, "time": inf}
-"""Values of the fields that may be left out."""
-
-MOST_INTERVALS = 10_000
-"""Sample intervals of a control step."""
+NEVER = {"plateau": inf, "time": inf}  # values of the fields that may be left out
+MOST_INTERVALS = 10_000  # sample intervals of a control step
 
 CORNERED_PHASE = 0.5
 """Longest sample interval with corners of records inside, times the plant's fastest rate."""
 
-MOST_CORNERED = 1000
-"""Sample intervals of a control step that the fastest rate may ask for."""
-
-ON_GRID = 1e-10
-"""Part of a sample interval below which a corner is at its end."""
+MOST_CORNERED = 1000  # sample intervals of a control step that the fastest rate may ask for
+ON_GRID = 1e-10  # part of a sample interval below which a corner is at its end
 
 
 @dataclass(frozen=True)

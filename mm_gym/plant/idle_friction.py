@@ -60,8 +60,7 @@ REMEDY = (
 )
 """What follows where a state in slip is refused."""
 
-ROUND_OFF = 1e-9
-"""Part of the reference velocity that the round-off of energies may come to."""
+ROUND_OFF = 1e-9  # part of the reference velocity that the round-off of energies may come to
 
 
 def require_stick(support: Support, values: Array, where: str) -> None:

@@ -50,8 +50,7 @@ class Tangent(NamedTuple):
     spring_force: float
 
 
-ROUND_OFF = 1e-12
-"""What is left of a slope that is 0."""
+ROUND_OFF = 1e-12  # what is left of a slope that is 0
 
 
 @cache

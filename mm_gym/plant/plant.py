@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from mm_gym.plant.task import Observed
 
 
-SCALED = ("peak", "spectral_acceleration")
-"""What records are scaled to."""
+SCALED = ("peak", "spectral_acceleration")  # what records are scaled to
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,7 @@ from mm_gym.scene.actuators import DampingActuator, ForceActuator, StretchActuat
 from mm_gym.scene.scene import DELAY, NumberOrRange, Scene, bounds
 from mm_gym.step.channels import CHANNELS
 
-SMALLEST = float(np.finfo(np.float64).tiny)
-"""Smallest scale of a channel, whose inverse is finite."""
+SMALLEST = float(np.finfo(np.float64).tiny)  # smallest scale of a channel, whose inverse is finite
 
 
 class Observed(NamedTuple):

@@ -26,8 +26,6 @@ ROUNDS = 5  # turns in which each setting is timed; the median counts
 TURN = 0.002  # duration of a turn [s]; short runs are repeated in it
 STEPS_OF_LANES = 20  # control steps of a run of several lanes
 COSTLIEST_OF_LANES = 1.0  # as `COSTLIEST`, for a run of several lanes [s]
-
-
 NO_OPTION = "", (np.nan,)  # of a method without one
 
 

@@ -22,8 +22,7 @@ from mm_gym.methods.taylor import layout as series
 from mm_gym.sensitivity import layout as slots
 from mm_gym.sensitivity.linear_kernel import propagate
 
-TOLERANCE = 1e-12
-"""Of motion and deviations, where steps are Runge-Kutta's."""
+TOLERANCE = 1e-12  # of motion and deviations, where steps are Runge-Kutta's
 
 _RUNGE_KUTTA = RungeKutta()
 

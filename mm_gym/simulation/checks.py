@@ -156,11 +156,8 @@ def _bounds(support: Support) -> tuple[Array, Array]:
     return low, high
 
 
-LAST = 2.0**52
-"""Latest control step of a lane's clock, far below the integers that doubles round."""
-
-ROUNDED_ONE = 1.0 + 1e-9
-"""Bound of cosines and sines, with more than their round-off."""
+LAST = 2.0**52  # latest control step of a lane's clock, far below the integers that doubles round
+ROUNDED_ONE = 1.0 + 1e-9  # bound of cosines and sines, with more than their round-off
 
 ENDING = {layout.X1, layout.X2, layout.V1, layout.V2, *layout.DERIVED}
 """Rows of a state that may be lost, which ends its episode."""

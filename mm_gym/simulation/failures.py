@@ -18,8 +18,7 @@ from mm_gym.plant.plant import Plant
 GROWN = (layout.TOO_MANY_EVENTS, layout.TOO_MANY_SERIES, layout.DIVERGED)
 """How a motion that grows forever may end."""
 
-MOST_NAMED = 5
-"""Lanes named in a message, at most."""
+MOST_NAMED = 5  # lanes named in a message, at most
 
 
 def text_of(plant: Plant, values: Array, rewards: Array, status: int, age: Array) -> str:

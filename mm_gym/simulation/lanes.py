@@ -30,8 +30,7 @@ from mm_gym.simulation.threads import Threads
 from mm_gym.step import episodes
 from mm_gym.step.outputs import copy_ends, copy_observed, copy_outputs
 
-SEVERAL = 64
-"""Lanes that are restarted together take less time gathered, if there are so many."""
+SEVERAL = 64  # lanes that are restarted together take less time gathered, if there are so many
 
 STATE_ARRAYS = ("values", "streams", "frames", "terminated", "truncated")
 """The arrays that make up the state of a set of lanes."""

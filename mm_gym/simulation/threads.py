@@ -26,11 +26,9 @@ from mm_gym.lanes.threads import in_threads, nothing
 
 Kernel = Callable[..., int]
 
-_turn = Lock()
-"""Some of numba's threading layers serve one caller at a time."""
+_turn = Lock()  # some of numba's threading layers serve one caller at a time
 
-_forked = False
-"""Whether this process was forked from one whose threads it has not inherited."""
+_forked = False  # whether this process was forked from one whose threads it has not inherited
 
 
 class Threads:

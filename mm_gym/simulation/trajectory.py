@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 
 UNITS = {"force": "N", "stretch": "-", "damping": "N s/m", "voltage": "V"}
 
-EXCITATION = ("disturbance [N]", "ground [m/s²]")
-"""Labels of the excitation's axes."""
+EXCITATION = ("disturbance [N]", "ground [m/s²]")  # labels of the excitation's axes
 
 
 @dataclass(frozen=True, eq=False)

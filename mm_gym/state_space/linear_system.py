@@ -11,11 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from mm_gym.arrays import Array
 from mm_gym.errors import DesignError
 
-REACHED = 1e-9
-"""Part of a direction of size 1 below which it is round-off."""
-
-ROUNDS = 200
-"""Most rounds of balancing; a few suffice."""
+REACHED = 1e-9  # part of a direction of size 1 below which it is round-off
+ROUNDS = 200  # most rounds of balancing; a few suffice
 
 
 class Signal(NamedTuple):

@@ -102,8 +102,6 @@ def si_unit(excitation: str, channel: str) -> str:
 
 
 NEWTON_STEPS = 6  # Newton steps from a root of the polynomial to a stationary frequency
-
-
 ENOUGH = 1e-9  # relative step after which Newton's method stops: the next one is below round-off
 
 

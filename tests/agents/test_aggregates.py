@@ -57,8 +57,7 @@ def simulated(generator, seeds, episodes, scatter):
     return (own[:, None] + 0.3 * generator.normal(size=(seeds, episodes)))[None]
 
 
-RUNS = 1500
-"""Simulated runs: a coverage of 95 % is uncertain by 1.1 % (two standard deviations)."""
+RUNS = 1500  # simulated runs: a coverage of 95 % is uncertain by 1.1 % (two standard deviations)
 
 
 @pytest.mark.parametrize("scatter", [0.02, 0.1, 0.5])

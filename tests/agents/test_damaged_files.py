@@ -41,14 +41,9 @@ from mm_gym.files import read_columns, write_csv
 from mm_gym.records import read_record
 from mm_gym.user_code import source
 
-NAMED = (SceneError, PolicyError, RunError)
-"""The project's errors."""
-
-MOST_TIME = 2.0
-"""Of this process [s], whatever else the machine does; most take a hundredth of it."""
-
-PATIENCE = 60
-"""Time after which a reader that waits is interrupted [s]."""
+NAMED = (SceneError, PolicyError, RunError)  # the project's errors
+MOST_TIME = 2.0  # of this process [s], whatever else the machine does; most take a hundredth of it
+PATIENCE = 60  # time after which a reader that waits is interrupted [s]
 
 NETWORK = network(
     weights=(np.ones((4, 3), np.float32), np.ones((1, 4), np.float32)),

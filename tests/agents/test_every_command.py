@@ -63,8 +63,7 @@ WRITTEN = dict.fromkeys(
 )
 WRITTEN |= {"evaluate": "scores.csv", "export": "p.onnx"}
 
-NEEDS = {"record": "minari", "tune": "optuna"}
-"""Packages of extras that a command is imported with."""
+NEEDS = {"record": "minari", "tune": "optuna"}  # packages of extras that a command is imported with
 
 LAW = """
 class Law:

@@ -29,8 +29,7 @@ NOISY = Scene(
 )
 LANES, SETTLED = 300, 200
 
-EPISODES = 50_000
-"""The first ten thousand alone are 2.3 standard errors off."""
+EPISODES = 50_000  # the first ten thousand alone are 2.3 standard errors off
 
 
 def test_cost_is_the_riccati_equations_in_the_interval_of_fifty_thousand_episodes():

@@ -93,8 +93,7 @@ def test_regulators_of_one_mass_have_the_printed_gains(source, plant, names, pri
         assert row(source, name, value, ours, places) in PAGE
 
 
-BODY, WHEEL, SUSPENSION, TYRE = 600.0, 75.0, 30.0, 300.0
-"""The paper's quarter car [kg, N/m]."""
+BODY, WHEEL, SUSPENSION, TYRE = 600.0, 75.0, 30.0, 300.0  # the paper's quarter car [kg, N/m]
 
 
 def quarter_car(damping, step):

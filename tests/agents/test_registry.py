@@ -13,8 +13,7 @@ from agents.training.parts import base_controller
 from mm_gym import SceneError
 
 PAGE = (Path(__file__).parents[2] / "docs" / "controllers.md").read_text("utf-8")
-(ADDED,) = re.findall(r"^```py\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
-"""The file of the page."""
+(ADDED,) = re.findall(r"^```py\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)  # the file of the page
 
 
 @pytest.fixture

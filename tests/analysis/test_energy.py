@@ -41,8 +41,7 @@ SHAKEN = [
 ]
 BOTH = {"force": {"limit": 4.0}, "stretch": {"minimum": 1.0, "maximum": 3.0}}
 
-BOUND = 1e-10
-"""Largest residual of the balance, relative to the energy passed through."""
+BOUND = 1e-10  # largest residual of the balance, relative to the energy passed through
 
 SCENES = {
     "linear": {},

@@ -14,11 +14,8 @@ from mm_gym.__main__ import main
 from mm_gym.analysis import response_spectrum
 from mm_gym.records import Record
 
-FINE = 1e-3
-"""Step of the reference, times w."""
-
-COARSE = 2e-3
-"""The same of the recursive filters."""
+FINE = 1e-3  # step of the reference, times w
+COARSE = 2e-3  # the same of the recursive filters
 
 NAMES = ("displacement", "pseudo_velocity", "pseudo_acceleration", "absolute_acceleration")
 

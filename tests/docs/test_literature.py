@@ -16,15 +16,13 @@ CITED = re.compile(
     rf"\b(?:Den )?({NAME})(?: et al\.| and others|(?:, {NAME})* and {NAME})?,? \(?(\d{{4}})\b"
 )
 PAGES = ("controllers", "tuning", "model", "excitation", "evaluation", "numerics", "training")
-JOURNALS = {"Dynamics", "Structures"}
-"""Last words of journals' names that a year follows."""
+JOURNALS = {"Dynamics", "Structures"}  # last words of journals' names that a year follows
 IDENTIFIED = re.compile(
     r"\(https://\S+\)|ISBN [\dX-]{13,17}\b|no DOI verified$"
     r"|, (?:Addison-Wesley|McGraw-Hill|Pearson|Wiley) \(\d{4}\)$"
 )
 """A link (of a DOI, a preprint or a record), an ISBN, a book's publisher, or what is missing."""
-UNVERIFIED = 25
-"""Articles without a verified DOI: fewer are welcome, more need a look for it."""
+UNVERIFIED = 25  # articles without a verified DOI: fewer are welcome, more need a look for it
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -23,8 +23,7 @@ from mm_gym import (
 from mm_gym.sb3 import make_vec_env
 
 NAME = "mm_gym/CarriageForce-v0"
-LANES = 600
-"""More than a block of lanes, so that two threads have work."""
+LANES = 600  # more than a block of lanes, so that two threads have work
 
 FREE = CARRIAGE_FORCE.replace(
     **{"objective.displacement_limit": None, "objective.rail_half_length": None}

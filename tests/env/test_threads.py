@@ -16,8 +16,7 @@ from mm_gym.lanes import layout
 LANES = 3 * layout.BLOCK - 100
 """Two or three ranges of lanes, the last one short and no multiple of a vector."""
 
-SECONDS = 600
-"""A deadlock lasts for ever; on a loaded machine the kernels compile for minutes."""
+SECONDS = 600  # a deadlock lasts for ever; on a loaded machine the kernels compile for minutes
 
 TWO_AT_A_TIME = """
 import threading

@@ -22,8 +22,7 @@ from mm_gym import (
 from mm_gym.analysis import frequency_response, spring_stiffness
 from mm_gym.metrics.response import Cubic
 
-FINE = 100
-"""Instants a control step at which the motion is looked at for comparison."""
+FINE = 100  # instants a control step at which the motion is looked at for comparison
 
 SCENES = {
     "force": CARRIAGE_FORCE,

@@ -49,17 +49,10 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 LANES, LANES_WITH_DEVICES = 6, 3
-NOTHING = 1e-15
-"""Size of motions [m, m/s] that are rounding of balanced forces."""
-
-BALANCED = 4
-"""How many scenes with devices there are to one whose energy is added up, too."""
-
-ROUND_OFF = 1e-12
-"""Bound of the methods whose only error is round-off."""
-
-REFRESH = 1024
-"""Sample intervals after which kernels compute phases anew."""
+NOTHING = 1e-15  # size of motions [m, m/s] that are rounding of balanced forces
+BALANCED = 4  # how many scenes with devices there are to one whose energy is added up, too
+ROUND_OFF = 1e-12  # bound of the methods whose only error is round-off
+REFRESH = 1024  # sample intervals after which kernels compute phases anew
 
 ROUNDED = 10.0
 """Round-off that a tolerance is allowed on top, in units of the effect of rounding the reference's

@@ -24,11 +24,8 @@ if TYPE_CHECKING:
 
 DIGITS = 34
 ORDER = 28
-CUT_OFF = Decimal("1e-20")
-"""Size of the last terms of a series, relative to the largest velocity."""
-
-SAMPLES = 64
-"""Points of a series at which an exit from its regime is searched."""
+CUT_OFF = Decimal("1e-20")  # size of the last terms of a series, relative to the largest velocity
+SAMPLES = 64  # points of a series at which an exit from its regime is searched
 
 
 @dataclass(frozen=True)

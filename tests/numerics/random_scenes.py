@@ -16,25 +16,20 @@ if TYPE_CHECKING:
     Values = dict[str, Any]
 
 STEPS = 3
-MOST_INTERVALS = 40
-"""Sample intervals of a control step that the excitation asks for, about."""
+MOST_INTERVALS = 40  # sample intervals of a control step that the excitation asks for, about
 
 DRAWN = "exact", "switched", "series", "splitting", "taylor"
 METHODS = *DRAWN, "runge_kutta", "devices"
 GENERAL = 1_000_000
 """The first seed of scenes for the general method; those before are for a method that is drawn."""
 
-PARAMETRIC = 2_000_000
-"""The first seed of scenes for the splitting with drawn parameters."""
-
-DEVICES = 3_000_000
-"""The first seed of scenes with devices: see `_device`."""
+PARAMETRIC = 2_000_000  # the first seed of scenes for the splitting with drawn parameters
+DEVICES = 3_000_000  # the first seed of scenes with devices: see `_device`
 
 SERIES = 4_000_000
 """The first seed of scenes for the series with drawn parameters and all excitation."""
 
-VALUED = "stribeck", "bouc_wen", "magnetorheological"
-"""Kinds of interface in value form."""
+VALUED = "stribeck", "bouc_wen", "magnetorheological"  # kinds of interface in value form
 
 EXCITATIONS = (
     *("harmonic", "sweep", "noise", "kanai_tajimi", "clough_penzien", "impulse", "record"),

@@ -18,8 +18,7 @@ FRICTION, DUFFING, MASSLESS = golden("friction"), golden("duffing"), golden("mas
 DUFFING_NAMES = [name for name in DUFFING if name != "provenance"]
 MASSLESS_NAMES = [name for name in MASSLESS if name != "provenance"]
 
-ROUND_OFF = 1e-12
-"""The bound that the exact plants declare."""
+ROUND_OFF = 1e-12  # the bound that the exact plants declare
 
 
 def _start(ic: list[str]) -> Initial:

@@ -42,8 +42,7 @@ PUBLISHED = {
     "beta": 363.0,
 }
 """In N, cm, s and V."""
-PRELOAD = 5.00 * 14.3
-"""k1 x0 [N]."""
+PRELOAD = 5.00 * 14.3  # k1 x0 [N]
 
 
 def scene_of(**changes: Any) -> Scene:

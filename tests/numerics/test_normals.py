@@ -9,8 +9,7 @@ from scipy.stats import binom, kstest
 from mm_gym.lanes.memory import span
 from mm_gym.lanes.random import next_episode, normal_pair, normals, seed_streams
 
-BAND = 3.2905
-"""Standard deviations that a normal number exceeds once in a thousand times."""
+BAND = 3.2905  # standard deviations that a normal number exceeds once in a thousand times
 
 KOLMOGOROV = 1.9495
 """What Kolmogorov's statistic times the root of the size exceeds once in a thousand times."""

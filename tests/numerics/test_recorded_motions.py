@@ -38,8 +38,7 @@ SPACINGS = {
 }
 
 
-CLOSE = 1e-14
-"""Instants that are so near [s] are one: SciPy cannot step from one to the next."""
+CLOSE = 1e-14  # instants that are so near [s] are one: SciPy cannot step from one to the next
 
 
 class Motion:

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 STEPS = 10
-CHECKED = (0, 4, 9)
-"""Control steps of each episode that the reference follows."""
+CHECKED = (0, 4, 9)  # control steps of each episode that the reference follows
 
 
 def _near(rng: np.random.Generator, middle: float, decades: float = 1.0) -> float:

@@ -210,8 +210,7 @@ def test_recommended_settings_keep_their_error_in_fresh_steps(
     assert max(without) > 2.0
 
 
-RUN = 2.0**-10
-"""Duration of a run [s], of a clock that does not depend on how busy the machine is."""
+RUN = 2.0**-10  # duration of a run [s], of a clock that does not depend on how busy the machine is
 
 
 def test_cost_of_many_lanes_is_that_of_one_among_them(monkeypatch: pytest.MonkeyPatch) -> None:

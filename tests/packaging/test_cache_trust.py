@@ -12,8 +12,7 @@ from mm_gym.compiler.trust import UntrustedError, check_folder
 
 ANOTHER_USER = 12345
 
-PATIENCE = 60.0
-"""Time after which a process that hangs is given up [s]; it takes less than two."""
+PATIENCE = 60.0  # time after which a process that hangs is given up [s]; it takes less than two
 
 MODULE = """
 from mm_gym.compiler.jit import kernel

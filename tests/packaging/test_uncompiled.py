@@ -13,11 +13,8 @@ from numba import njit
 from mm_gym import MovingMassVectorEnv, Scene, load_scene, simulate
 from mm_gym.lanes import layout
 
-LANES = layout.BLOCK + 1
-"""Enough for two threads."""
-
-ENDS = [0, LANES - 1]
-"""Lanes that are compared."""
+LANES = layout.BLOCK + 1  # enough for two threads
+ENDS = [0, LANES - 1]  # lanes that are compared
 
 PROGRAM = """
 import json, sys

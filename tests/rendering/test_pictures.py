@@ -12,8 +12,7 @@ from mm_gym.rendering import mechanism as place
 from mm_gym.rendering.mechanism import recent_impulse
 from mm_gym.scene import Scene
 
-NEAR = 24
-"""Difference of a colour's components that smooth edges may make."""
+NEAR = 24  # difference of a colour's components that smooth edges may make
 
 FORCE = {"force": {"limit": 4.0}}
 

@@ -28,11 +28,8 @@ LONGEST_STEP = 2.0
 k2 h^2 / m, is at most 4 and varies by at most 4 / 3 about its middle, so that term n of the
 polynomials is at most (4 / 3)**n / (2 n)!: below round-off from the tenth on."""
 
-DIGITS = 40
-"""Decimal digits of the sums: enough for every digit of a double."""
-
-ORDERS = 48
-"""Number of powers of the generator in the sums; the last adds 2**48 / 48!, 1e-47."""
+DIGITS = 40  # decimal digits of the sums: enough for every digit of a double
+ORDERS = 48  # number of powers of the generator in the sums; the last adds 2**48 / 48!, 1e-47
 
 MOST_AMPLIFIED = 256.0
 """Largest ratio of the steady motion to the motion that the force causes from rest in one sample

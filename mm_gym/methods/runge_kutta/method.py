@@ -35,21 +35,15 @@ if TYPE_CHECKING:
     from mm_gym.methods.support import Support
     from mm_gym.step.control_step import Entries
 
-TIGHTEST = 1e-12
-"""Smallest tolerance: the round-off of the steps must not pass for their error."""
+TIGHTEST = 1e-12  # smallest tolerance: the round-off of the steps must not pass for their error
 
 TIGHT = 1e-9
 """Tolerance below which `auto` prefers a series, as it does at it where one is as quick: for the
 cubic spring, and for friction that a series follows to round-off."""
 
-LOOSEST = 5e-3
-"""Tolerance that looser ones are taken for: estimates of larger errors are none."""
-
-MARGIN = 0.125
-"""Part of the tolerance that the estimates of all steps may reach together."""
-
-MOST_EVALUATIONS = 150
-"""Of the forces in a sample interval: beyond, a series is cheaper."""
+LOOSEST = 5e-3  # tolerance that looser ones are taken for: estimates of larger errors are none
+MARGIN = 0.125  # part of the tolerance that the estimates of all steps may reach together
+MOST_EVALUATIONS = 150  # of the forces in a sample interval: beyond, a series is cheaper
 
 COARSER = 0.5
 """Part that a step may have of the second estimate that a harmonic oscillation has where the first
@@ -63,15 +57,13 @@ TURNS = LONGEST_WAY / LONGEST_WAY_OF_BOTH
 """How many steps of a pair with two estimates do what one of the others does where a force turns
 round at every change of the slip's direction."""
 
-OF_TURNS = 0.5
-"""Part of the tolerance that is used there: one estimate misses more than two."""
+OF_TURNS = 0.5  # part of the tolerance that is used there: one estimate misses more than two
 
 FINER = 1e-3
 """Part of the tolerance for the series, which redo the hardest steps: a sphere that bounces off the
 end of its springs makes errors grow."""
 
-SHORTEST = 1e-3
-"""Phase [rad] that shorter sample intervals are taken for: any step does."""
+SHORTEST = 1e-3  # phase [rad] that shorter sample intervals are taken for: any step does
 
 _BENT = (
     0.125  # times the phase's square: what the slip velocity's bend says of its fourth derivative

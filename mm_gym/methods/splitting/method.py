@@ -35,15 +35,13 @@ LONGEST = 6.0
 """Longest sample interval, in radians of the fastest oscillation; in longer ones a method that
 chooses the length of each step is cheaper."""
 
-MARGIN = 0.5
-"""Part of the tolerance that estimate and bound of the error may reach."""
+MARGIN = 0.5  # part of the tolerance that estimate and bound of the error may reach
 
 FASTEST = 1.0
 """Largest phase of a decay in half a sample interval for which a lane's own dampers are a series:
 its digits cancel where it is large."""
 
-FINEST = 24
-"""Most substeps of the first column."""
+FINEST = 24  # most substeps of the first column
 
 # A sample interval spans r radians at the largest displacement on the way, and the first of k
 # columns has n substeps. A column's error is a series in even powers of its substep. Its

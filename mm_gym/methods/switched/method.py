@@ -49,11 +49,8 @@ LONGEST_DECAY = 2.0**28
 """Longest sample interval, in units of the shortest time constant: the slow motion after a fast
 decay takes few halved intervals."""
 
-FINER = 3
-"""Further halvings of the last level, at which |w''| is sampled."""
-
-MOST_SAMPLES = 1 << 15
-"""Largest number of samples of |w''| in a regime."""
+FINER = 3  # further halvings of the last level, at which |w''| is sampled
+MOST_SAMPLES = 1 << 15  # largest number of samples of |w''| in a regime
 
 SLOWEST = 1e-100
 """Lowest frequency [rad/s] that positions are weighted by; its square does not underflow."""

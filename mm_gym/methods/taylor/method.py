@@ -17,8 +17,7 @@ from mm_gym.step.control_step import build
 if TYPE_CHECKING:
     from mm_gym.methods.support import Support
 
-TIGHTEST = 1e-15
-"""Smallest useful tolerance: below it round-off exceeds the truncation error."""
+TIGHTEST = 1e-15  # smallest useful tolerance: below it round-off exceeds the truncation error
 
 EXTRA_ORDER = 16
 """Orders above the optimum of Jorba and Zou (2005), who count products only and estimate the error

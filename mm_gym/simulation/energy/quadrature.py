@@ -20,15 +20,13 @@ from mm_gym.simulation.energy import rate_series_kernel
 from mm_gym.simulation.recording import Recording, lanes_at
 from mm_gym.simulation.response import interface_energy, interface_force
 
-NODES = 8
-"""Of a panel."""
+NODES = 8  # of a panel
 
 LONGEST = 0.2
 """Panel, in units of the shortest time constant: the error is then some 1e-14 of the integral, but
 where the interface's force has a kink in time."""
 
-FEWEST = 32
-"""Panels in any interval, for those kinks."""
+FEWEST = 32  # panels in any interval, for those kinks
 
 HALVINGS = 10
 """Of the first panel: own states may relax much faster than the masses move, from the values that
