@@ -11,7 +11,7 @@ from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.scene import plant_of, require_number
 from agents.controllers.lqr import LQR, state_weight
-from agents.controllers.registry import Entry, Free, Tunable, without_weight
+from agents.controllers.registry import Entry, Free, Tunable, regulator_entry
 from agents.controllers.searched import searched_pair
 from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
@@ -142,13 +142,11 @@ ENTRIES = (
         label="clipped LQR",
     ),
     WEIGHTED.entry(("stretch",), 28, label="clipped LQR, free weights"),
-    Entry(
+    regulator_entry(
         "lqr-and-clipped-lqr",
         ("force", "stretch"),
         best_lqr_with_clipped_lqr,
         31,
         label="LQR + clipped LQR",
-        refuses=without_weight,
-        told=True,
     ),
 )

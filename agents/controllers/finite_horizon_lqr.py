@@ -6,7 +6,7 @@ from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Feedback
 from agents.controllers.lqr import problem_of
-from agents.controllers.registry import Entry, without_weight
+from agents.controllers.registry import regulator_entry
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
 
@@ -63,14 +63,12 @@ class FiniteHorizonLQR(Law):
 
 
 ENTRIES = (
-    Entry(
+    regulator_entry(
         "finite-horizon-lqr",
         ("force",),
         lambda scene: Feedback(scene, FiniteHorizonLQR(scene)),
         51,
         "further",
-        "finite-horizon LQR",
-        refuses=without_weight,
-        told=True,
+        label=FiniteHorizonLQR.name,
     ),
 )

@@ -13,7 +13,7 @@ from agents.control.observed_state import Frame
 from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.lqg import require_detectable
 from agents.controllers.lqr import hidden_mode, state_weight
-from agents.controllers.registry import Entry, without_weight
+from agents.controllers.registry import regulator_entry
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
 
@@ -203,14 +203,5 @@ class HInfinity(Controller):
 
 
 ENTRIES = (
-    Entry(
-        "h-infinity",
-        ("force",),
-        HInfinity,
-        53,
-        "further",
-        "H-infinity",
-        refuses=without_weight,
-        told=True,
-    ),
+    regulator_entry("h-infinity", ("force",), HInfinity, 53, "further", label=HInfinity.name),
 )

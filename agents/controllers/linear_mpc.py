@@ -18,7 +18,7 @@ from agents.control.feedback import Feedback
 from agents.control.scene import force_weight, nominal, plant_of, require_number
 from agents.control.trajectories import ends_of
 from agents.controllers.lqr import design, problem_of
-from agents.controllers.registry import Entry, unless, without_weight
+from agents.controllers.registry import Entry, regulator_entry, unless, without_weight
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
 
@@ -217,15 +217,13 @@ _without_limits = unless(
 )
 
 ENTRIES = (
-    Entry(
+    regulator_entry(
         "linear-mpc",
         ("force",),
         lambda scene: Feedback(scene, LinearMPC(scene)),
         52,
         "further",
-        "linear MPC",
-        refuses=without_weight,
-        told=True,
+        label="linear MPC",
     ),
     Entry(
         "constrained-mpc",

@@ -19,7 +19,7 @@ from agents.controllers.lqr import (
     reaction_weights,
     state_weight,
 )
-from agents.controllers.registry import Entry, Free, Tunable, unless, without_weight
+from agents.controllers.registry import Free, Tunable, regulator_entry, unless, without_weight
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
 from mm_gym.arrays import Array
 
@@ -428,7 +428,7 @@ _without_rail = unless(
 )
 
 ENTRIES = (
-    Entry("lqg", ("force",), LQG, 50, "filter", "LQG", refuses=without_weight, told=True),
+    regulator_entry("lqg", ("force",), LQG, 50, "filter", label=LQG.name),
     Tunable("weighted-lqg", free_numbers, WeightedLQG).entry(
         ("force",),
         53,

@@ -15,7 +15,7 @@ from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.constant import Held
-from agents.controllers.registry import Entry, without_weight
+from agents.controllers.registry import regulator_entry
 from agents.controllers.searched import grid, searched
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
@@ -254,17 +254,15 @@ def regulator(scene: Scene) -> Feedback:
         raise error from None
 
 
+def with_constant_stretch(scene: Scene) -> Feedback:
+    """Search the stretch that is held next to the LQR."""
+    stretches = grid(scene, "stretch")
+    return searched(scene, lambda s: Both(LQR(scene, s), Held(scene, "stretch", s)), stretches)
+
+
 ENTRIES = (
-    Entry("lqr", ("force",), regulator, 10, label="LQR", refuses=without_weight, told=True),
-    Entry(
-        "lqr",
-        ("force", "stretch"),
-        lambda scene: searched(
-            scene, lambda s: Both(LQR(scene, s), Held(scene, "stretch", s)), grid(scene, "stretch")
-        ),
-        30,
-        label="LQR + constant stretch",
-        refuses=without_weight,
-        told=True,
+    regulator_entry("lqr", ("force",), regulator, 10, label="LQR"),
+    regulator_entry(
+        "lqr", ("force", "stretch"), with_constant_stretch, 30, label="LQR + constant stretch"
     ),
 )

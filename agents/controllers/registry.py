@@ -199,6 +199,19 @@ def without_weight(scene: Scene) -> str | None:
     return None
 
 
+def regulator_entry(
+    name: str,
+    actuators: tuple[str, ...],
+    make: Callable[[Scene], Controller],
+    order: int,
+    role: Role = "law",
+    *,
+    label: str = "",
+) -> Entry:
+    """Return the entry of a regulator of the force; where it has none, tables tell the reason."""
+    return Entry(name, actuators, make, order, role, label, without_weight, told=True)
+
+
 @cache
 def every_entry() -> tuple[Entry, ...]:
     """Return the entries of all controllers, in the order of tables."""
