@@ -34,7 +34,7 @@ from agents.report.pages import print_ranking, print_table, write_episodes, writ
 from agents.report.published import printed, read_published, scored_again
 from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
 from agents.training.parts import agent_of, recorded_parts
-from agents.training.runs import Run, RunError
+from agents.training.runs import Run
 from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.files import check_outputs
 from mm_gym.tasks import task_or_scene
@@ -123,9 +123,8 @@ def report_run(
     for. The reference baseline is the first, the learned agent the last.
     """
     record = run.read()
-    if policy is None and not run.finished:
-        msg = f"{run.folder}: training is not finished; continue it: python -m agents train"
-        raise RunError(msg)
+    if policy is None:
+        run.require_finished()
     settings = record["settings"]
     if reward is not None:  # asked for, so its file may be run, and the run's own need not be
         settings = settings | {"reward": None}

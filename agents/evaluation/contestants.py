@@ -188,9 +188,7 @@ def finished_runs(text: str) -> dict[str, Trained]:
     found: dict[str, Trained] = {}
     for folder in folders:
         run = Run(folder.name, folder.parent)
-        if not run.finished:
-            msg = f"{folder}: training is not finished; continue it: python -m agents train"
-            raise RunError(msg)
+        run.require_finished()
         digest = run.read()["scene_digest"]
         earlier = found.get(digest) or Trained(*_scene_of(run), ())
         found[digest] = replace(earlier, runs=(*earlier.runs, run))
@@ -324,9 +322,7 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
     if not os.path.lexists(run.record):
         others = "FILE.py:NAME, the folder of a run, or a policy's file"
         raise not_a_law(name, scene, "controller", others)
-    if not run.finished:
-        msg = f"{run.folder}: training is not finished; continue it: python -m agents train"
-        raise RunError(msg)
+    run.require_finished()
     record = run.read()
     if record["scene_digest"] != scene.digest:  # its base is the one that it was trained with
         scene = run.scene()

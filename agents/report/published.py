@@ -5,7 +5,7 @@ from collections.abc import Container, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from agents.control.controller import Controller
 from agents.controllers.learned import Learned
@@ -16,9 +16,9 @@ from agents.sweeps.results import Cell, Results
 from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of
 from agents.training.config import RunSettings
 from agents.training.parts import recorded_parts
-from agents.training.runs import Run
-from mm_gym import Scene, SceneError, load_scene
-from mm_gym.files import read_bytes, read_json, write_bytes, write_text
+from agents.training.runs import Run, read_checked
+from mm_gym import Scene, load_scene
+from mm_gym.files import read_bytes, write_bytes, write_text
 from mm_gym.tasks import ids, robust_ids, short_name
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -135,14 +135,7 @@ def publish(
 
 def read_published(folder: Path = FOLDER) -> Published:
     """Return the record of a folder of policies; raise `SceneError` if it is damaged."""
-    file = folder / RECORD
-    try:
-        return Published.model_validate(read_json(file, most=MOST_BYTES))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "its content"
-        msg = f"{file}: not a record of published policies: {where}: {first['msg']}"
-        raise SceneError(msg) from None
+    return read_checked(Published, folder / RECORD, "a record of published policies", MOST_BYTES)
 
 
 def published_agents(

@@ -15,6 +15,7 @@ from agents.evaluation.contestants import Episodes, Field
 from agents.evaluation.measure import Studies, TaskResult
 from agents.evaluation.studies import DELAY, NOISE, NOMINAL, Motions
 from agents.report.comparison import against, episodes_in_words, paired_cells
+from agents.report.figures import study_label
 from agents.report.pages import FOLDER, not_scored_cells, web_page
 from agents.scoring import FREQUENCY, spread_frequency
 from agents.training.runs import Run, by_dotted_name, commit, versions
@@ -31,15 +32,6 @@ SHOWN = 2_000  # control steps of a response that are drawn, from its start
 
 BRIGHT = ("#56B4E9", "#F08A4B", "#2FBF94", "#E2A1C8", "#F2B632", "#9AD4F5", "#F2F2F2")
 """The colours of `COLOURS`, lighter: on a dark ground."""
-
-STUDIES = {
-    "carriage.mass": "carriage mass over design [-]",
-    "carriage.stiffness": "carriage stiffness over design [-]",
-    "carriage.damping": "carriage damping over design [-]",
-    NOISE: "sensor noise over scale [-]",
-    DELAY: "delay of the newest frame [control steps]",
-}
-"""What a study changes, as the label of an axis."""
 
 
 @dataclass(frozen=True)
@@ -256,16 +248,14 @@ def _robustness(result: TaskResult) -> Group:
     found, labels = result.outcomes, result.motions
     designed = {one.label: one.cost for one in found if one.study == NOMINAL}
     panels: list[Panel] = []
-    for study, label in STUDIES.items():
+    for study in dict.fromkeys(one.study for one in found if one.study != NOMINAL):
         costs = {(one.level, one.label): one.cost for one in found if one.study == study}
-        if not costs:
-            continue
         if study != DELAY:  # it has a level of its own for every delay
             nominal = 0.0 if study == NOISE else 1.0
             costs |= {(nominal, name): cost for name, cost in designed.items()}
         levels = sorted({level for level, _ in costs})
         curves = [_points(np.array([costs[level, name] for level in levels])) for name in labels]
-        panels.append(Panel(list(levels), curves, label, "cost [-]", y_log=True))
+        panels.append(Panel(list(levels), curves, study_label(study), "cost [-]", y_log=True))
     text = "Each controller as it is, on scenes that differ from the one it was made for."
     return Group("robustness", "Robustness", text, panels)
 

@@ -108,6 +108,12 @@ class Run:
         """Whether training is over."""
         return self.policy.exists()
 
+    def require_finished(self) -> None:
+        """Raise `RunError` unless training is over."""
+        if not self.finished:
+            msg = f"{self.folder}: training is not finished; continue it: python -m agents train"
+            raise RunError(msg)
+
     def validations(self) -> tuple[Array, Array, Array]:
         """Return the control steps, cost and time [s] of each validation, (validations,).
 

@@ -62,14 +62,13 @@ def _short(value: float) -> float:
 
 def plain(settings: TrainSettings) -> dict[str, Any]:
     """Return the settings of a training alone, whatever a subclass adds, as data."""
-    return {name: value for name, value in settings.model_dump().items() if name in _FIELDS}
-
-
-_FIELDS = TrainSettings.model_fields
+    return settings.model_dump(include=set(TrainSettings.model_fields))
 
 
 def as_toml(settings: TrainSettings, comment: str, name: str) -> str:
     """Return a file like those of `configs/agents`: what differs from the defaults.
+
+    TOML writes numbers, texts, truth values and lists of them as JSON does.
 
     Parameters
     ----------
@@ -86,18 +85,13 @@ def as_toml(settings: TrainSettings, comment: str, name: str) -> str:
         if key == "task" or key in RUN or value == default[key]:
             continue
         if not isinstance(value, dict):
-            lines.append(f"{key} = {_written(value)}")
+            lines.append(f"{key} = {json.dumps(value)}")
         elif key in ("changes", settings.algorithm):
             own = {k: v for k, v in value.items() if v != default[key].get(k)}
-            tables += ["", f"[{key}]", *(f"{_key(k)} = {_written(v)}" for k, v in own.items())]
+            tables += ["", f"[{key}]", *(f"{_key(k)} = {json.dumps(v)}" for k, v in own.items())]
     return "\n".join([*lines, *tables]) + "\n"
 
 
 def _key(name: str) -> str:
     """Return a name as TOML has it: bare, or in quotes if it is dotted."""
     return name if name.isidentifier() else json.dumps(name)
-
-
-def _written(value: object) -> str:
-    """Return a number, text, truth value or list of them, which TOML writes as JSON does."""
-    return json.dumps(value)
