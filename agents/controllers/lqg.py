@@ -105,7 +105,7 @@ def design_lqg(
 
 
 def design_filter(
-    scene: Scene, at: dict[str, float] | None = None, unmodelled: float = UNMODELLED
+    scene: Scene, at: dict[str, float] | None, unmodelled: float
 ) -> tuple[LinearSystem, Array]:
     """Return the plant that nothing actuates, and the stationary gain (n, p) of its Kalman filter.
 

@@ -206,7 +206,7 @@ def regulator_entry(
     order: int,
     role: Role = "law",
     *,
-    label: str = "",
+    label: str,
 ) -> Entry:
     """Return the entry of a regulator of the force; where it has none, tables tell the reason."""
     return Entry(name, actuators, make, order, role, label, without_weight, told=True)

@@ -114,9 +114,7 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, A
     return starts
 
 
-def adapted(
-    scene: Scene, tunable: Tunable, generator: np.random.Generator, episodes: int = EPISODES
-) -> Array:
+def adapted(scene: Scene, tunable: Tunable, generator: np.random.Generator, episodes: int) -> Array:
     """Return what a controller applied (steps, episodes, k) with the best numbers of each episode.
 
     Each episode has a search of its own: an evolution strategy of one parent and one child. Its
@@ -212,7 +210,7 @@ def least_cost(rows: Sequence[Mapping[str, str | float]]) -> float:
     return min(float(row["cost"]) for row in rows if row["role"] != "passive")
 
 
-def planned(scene: Scene, starts: Mapping[str, Array], seed: int = 0) -> tuple[Row, Array]:
+def planned(scene: Scene, starts: Mapping[str, Array], seed: int) -> tuple[Row, Array]:
     """Return the planner's row and what it applied, given what others did (steps, episodes, k)."""
     planner = Planner(scene, starts, Effort(seed=seed))
     result = evaluate(scene, planner, episodes=EPISODES)

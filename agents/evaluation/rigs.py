@@ -4,7 +4,6 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,9 +39,9 @@ DELAYS = (0, 1, 2)  # control steps by which the sensors of the task itself are 
 WORST = 0.1  # share of the episodes that cost most
 
 
-def read_robustness(file: Path = FILE) -> dict[str, Any]:
+def read_robustness() -> dict[str, Any]:
     """Return the scores of all variants that were scored; none without the file."""
-    return json.loads(read_text(file)) if file.exists() else {}
+    return json.loads(read_text(FILE)) if FILE.exists() else {}
 
 
 def task_of(variant: str) -> str:

@@ -122,24 +122,16 @@ def _recorded(scene: Scene, file: Path, unit: str | None) -> Scene:
 
 
 def outcomes(
-    scene: Scene,
-    rows: Sequence[Entry],
-    episodes: Episodes,
-    records: Records | None = None,
-    *,
-    studies: Sequence[str] = (),
+    scene: Scene, rows: Sequence[Entry], episodes: Episodes, records: Records | None = None
 ) -> list[Outcome]:
     """Return what every controller of a task does on every changed scene.
 
     The controllers are those of the scene as it is: they are not told of the change. All go through
-    the episodes of the first seed; of a training with several seeds it is the first run. Without
-    names of studies it is all of them.
+    the episodes of the first seed; of a training with several seeds it is the first run.
     """
     found: list[Outcome] = []
     nominal: dict[str, float] = {}
     for study, changed in variants(scene, records).items():
-        if studies and study[0] not in (NOMINAL, *studies):
-            continue
         for row in rows:
             penalties = evaluate(
                 changed, row.controllers[0], seed=episodes.first, episodes=episodes.each

@@ -97,7 +97,7 @@ def longest(keep: Single) -> float:
     return max([LONGEST, *np.abs(np.linalg.eigvals(keep))])
 
 
-def hold_stable(keep: Single, most: float = LONGEST) -> None:
+def hold_stable(keep: Single, most: float) -> None:
     """Scale a memory's weights so that it forgets."""
     if keep.size:
         keep *= min(1.0, most / np.abs(np.linalg.eigvals(keep)).max())

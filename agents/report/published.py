@@ -138,13 +138,11 @@ def read_published(folder: Path = FOLDER) -> Published:
     return read_checked(Published, folder / RECORD, "a record of published policies", MOST_BYTES)
 
 
-def published_agents(
-    tasks: Container[str], published: Published, folder: Path = FOLDER
-) -> Iterator[tuple[str, Learned]]:
+def published_agents(tasks: Container[str], published: Published) -> Iterator[tuple[str, Learned]]:
     """Yield the published policies of some tasks, each with its task, that stand alone."""
     for row in published.rows:
         if row.task in tasks and row.base is None and row.file is not None:
-            yield row.task, Learned(load_policy(folder / row.file), row.file)
+            yield row.task, Learned(load_policy(FOLDER / row.file), row.file)
 
 
 def printed(cost: float) -> str:
