@@ -1,5 +1,6 @@
 """Held-out episodes: every controller runs through the same ones."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ VALIDATION_SEED = 2_000_000
 """Seed of the first lane of the evaluations during training, and of what baselines are tuned on."""
 
 VALIDATION_EPISODES = 100  # of each of these evaluations
+DIGITS = 6  # of the numbers in files of scores
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +196,11 @@ def evaluate(
         applied=applied,
         injected=work,
     )
+
+
+def written(numbers: Mapping[str, float]) -> dict[str, float]:
+    """Return numbers as files of scores have them."""
+    return {name: float(f"{value:.{DIGITS}g}") for name, value in numbers.items()}
 
 
 def tail_mean(values: Array, part: float = 0.1) -> Array:

@@ -36,6 +36,7 @@ from agents.evaluation.headroom import (
 )
 from agents.evaluation.scores import SCORES, read_scores
 from agents.network.files import numbers, read_array
+from agents.scoring import written
 from mm_gym import Scene, SceneError, compile_scene, load_scene
 from mm_gym.arrays import Array
 from mm_gym.files import write_bytes, write_text
@@ -122,7 +123,7 @@ def _keep_better(planner: Row, earlier: list[Row]) -> None:
     told = dict(zip(("cost", "low", "high"), values, strict=True))
     if planner["displacement"] == planner["cost"]:  # nothing else is rewarded
         told["displacement"] = told["cost"]
-    planner |= {name: float(f"{value:.6g}") for name, value in told.items()}
+    planner |= written(told)
 
 
 def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, Any]) -> str | None:

@@ -10,7 +10,6 @@ controllers in it are kept. After a kill or Ctrl-C the same command continues, f
 
 import json
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -20,6 +19,7 @@ import tyro
 from agents.controllers.registry import MOST_BYTES, NUMBERS, Tunable, entries, read_found
 from agents.controllers.searched import REFUSED, finalists, further_cost, trials
 from agents.errors import command
+from agents.scoring import written
 from mm_gym import DesignError, Scene, SceneError, load_scene
 from mm_gym.errors import suggest
 from mm_gym.files import check_outputs, read_json, write_text
@@ -27,7 +27,6 @@ from mm_gym.tasks import ids, task_or_scene
 
 RUNS = Path("runs") / "controllers"  # where the costs of a search are kept until it ends
 EVERY = 50  # trials after which they are written
-DIGITS = 6  # with which numbers are written
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def tune(scene: Scene, tunable: Tunable, count: int, seed: int, file: Path) -> d
     try:
         for coordinates, cost in trials(scene, tunable, count, seed, known):
             costs.append(cost)
-            numbers.append(_rounded(tunable.at(scene, coordinates)))
+            numbers.append(written(tunable.at(scene, coordinates)))
             if len(costs) % EVERY == 0 and len(costs) > len(known):
                 _keep(file, head, costs)
     except KeyboardInterrupt:
@@ -78,15 +77,11 @@ def tune(scene: Scene, tunable: Tunable, count: int, seed: int, file: Path) -> d
     best = min(last, key=lambda k: last[k])
     return {
         "numbers": numbers[best],
-        **_rounded({"cost": costs[best], "further_cost": last[best]}),
-        "first_cost": None if costs[0] >= REFUSED else _rounded({"": costs[0]})[""],
+        **written({"cost": costs[best], "further_cost": last[best]}),
+        "first_cost": None if costs[0] >= REFUSED else written({"": costs[0]})[""],
         "trials": count,
         "seed": seed,
     }
-
-
-def _rounded(numbers: Mapping[str, float]) -> dict[str, float]:
-    return {name: float(f"{value:.{DIGITS}g}") for name, value in numbers.items()}
 
 
 def _costs_so_far(file: Path, head: dict[str, Any]) -> list[float]:

@@ -19,7 +19,7 @@ from agents.controllers.tuned import (
     makers,
 )
 from agents.evaluation.plans import Effort, Planner, Replanner
-from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
+from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate, written
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
 from mm_gym.metrics import passive_scene
@@ -163,7 +163,7 @@ def preview(scene: Scene) -> dict[str, float]:
         name: evaluate(scene, Replanner(scene, foresees=foresees), episodes=EPISODES).cost
         for name, foresees in named.items()
     }
-    return {name: float(f"{cost:.6g}") for name, cost in costs.items()}
+    return written(costs)
 
 
 def over_plans(
@@ -215,7 +215,7 @@ def planned(scene: Scene, starts: Mapping[str, Array], seed: int) -> tuple[Row, 
     planner = Planner(scene, starts, Effort(seed=seed))
     result = evaluate(scene, planner, episodes=EPISODES)
     pairs = zip(result.episode_costs, planner.origins, strict=True)
-    plans = [{"cost": float(f"{cost:.6g}"), "start": start} for cost, start in pairs]
+    plans = [written({"cost": cost}) | {"start": start} for cost, start in pairs]
     row = row_of("planner", result) | {"seed": planner.effort.seed, "plans": plans}
     return row, result.applied
 
@@ -231,9 +231,8 @@ def row_of(role: str, result: Evaluation) -> Row:
     values = {"cost": result.cost, "low": low, "high": high, "displacement": result.rms}
     if result.injected is not None:
         values["injected"] = float(result.injected.mean())
-    return {"role": role, "controller": result.name, "reads": result.reads} | {
-        name: float(f"{value:.6g}") for name, value in values.items()
-    }
+    told = {"role": role, "controller": result.name, "reads": result.reads}
+    return told | written(values)
 
 
 def interval(penalties: Array) -> tuple[float, float]:

@@ -25,7 +25,7 @@ from agents.controllers.tuned import (
 )
 from agents.evaluation.headroom import interval
 from agents.evaluation.scores import SCORES
-from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate, tail_mean
+from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate, tail_mean, written
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
 from mm_gym.files import read_text
 from mm_gym.tasks import short_name
@@ -88,8 +88,7 @@ def _row(role: str, controller: Controller, scenes: Mapping[str, Scene]) -> Row:
     low, high = interval(over.penalties)
     costs = {name: one.cost for name, one in found.items()}
     costs |= {"low": low, "high": high, "worst": float(np.sqrt(tail_mean(over.penalties, WORST)))}
-    short = {name: float(f"{cost:.6g}") for name, cost in costs.items()}
-    return {"role": role, "controller": controller.name, **short}
+    return {"role": role, "controller": controller.name, **written(costs)}
 
 
 DELAY, NOISE, FEW = 2, 0.01, 20

@@ -18,7 +18,7 @@ from agents.evaluation.aggregates import shared_episodes
 from agents.evaluation.headroom import CLASSICAL, controllers_of, interval
 from agents.evaluation.scores import SCORES
 from agents.network.files import content_of, read_content
-from agents.scoring import VALIDATION_SEED, evaluate
+from agents.scoring import VALIDATION_SEED, evaluate, written
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.arrays import Array
 from mm_gym.files import read_bytes, read_text, write_bytes
@@ -70,21 +70,15 @@ class Scored:
         found = shared_episodes(self.penalties)
         ends = found[1:] if len(self.penalties) > 1 else interval(self.penalties[0])
         costs = np.sqrt(self.penalties.mean(axis=1))
-        return {"controller": self.name, "role": self.role, "seeds": len(self.penalties)} | {
-            name: float(f"{value:.6g}")
-            for name, value in zip(
-                ("cost", "low", "high", "worst"), (found.value, *ends, costs.max()), strict=True
-            )
-        }
+        told = {"controller": self.name, "role": self.role, "seeds": len(self.penalties)}
+        values = found.value, *ends, costs.max()
+        return told | written(dict(zip(("cost", "low", "high", "worst"), values, strict=True)))
 
     def over(self, other: Scored) -> Row:
         """Return the ratio of the costs of this and another controller, with its 95 % interval."""
         found = shared_episodes(self.penalties, other.penalties[0])
-        return {"agent": self.name, "over": other.name} | {
-            name: float(f"{value:.6g}")
-            for name, value in found._asdict().items()
-            if np.isfinite(value)
-        }
+        finite = {name: value for name, value in found._asdict().items() if np.isfinite(value)}
+        return {"agent": self.name, "over": other.name} | written(finite)
 
 
 def read_sealed(file: Path = FILE) -> dict[str, Any]:
