@@ -206,39 +206,29 @@ def _with_units(start: Start, extra: int, generator: np.random.Generator) -> Sta
 
 
 def _with_floor_that_fits(scene: Scene, start: Start) -> Start:
-    costs: dict[float, Start] = {}
-    for floor in FLOORS:
-        units = start.units.copy()
-        units[:, UNIT.index("floor")] = floor
-        one = replace(start, units=units)
-        costs.setdefault(_cost(scene, one), one)
-    return next(one for cost, one in costs.items() if cost <= HARDLY * min(costs))
+    starts = [replace(start, units=start.units.copy()) for _ in FLOORS]
+    for one, floor in zip(starts, FLOORS, strict=True):
+        one.units[:, UNIT.index("floor")] = floor
+    return _best(scene, starts, HARDLY)
 
 
 def _softened(scene: Scene, start: Start) -> Start:
     """Return the start with the gain of its correlation units that costs least."""
     units = start.direct.shape[1] - len(start.units)
-    starts: list[Start] = []
-    for factor in SOFTER:
-        direct = start.direct.copy()
-        direct[:, units:] *= factor
-        starts.append(replace(start, direct=direct))
+    starts = [replace(start, direct=start.direct.copy()) for _ in SOFTER]
+    for one, factor in zip(starts, SOFTER, strict=True):
+        one.direct[:, units:] *= factor
     return _best(scene, starts)
 
 
 def _best_start(scene: Scene, shown: Shown, most: float) -> Start:
     """Return the start that suits the actuators, or the cheapest if it costs `most` times that."""
-    costs: dict[float, Start] = {}
+    starts: list[Start] = []
     tried: list[LawName] = [natural_law(scene), "lqg", "none"]
-    tried += ["constant"] if shown.filtered else []
-    for law in tried:
-        try:
-            start = _law(scene, law, shown)
-        except DesignError:
-            continue
-        costs.setdefault(_cost(scene, start), start)
-    least = min(costs)
-    return next(start for cost, start in costs.items() if cost <= most * least)
+    for law in [*tried, "constant"] if shown.filtered else tried:
+        with suppress(DesignError):
+            starts.append(_law(scene, law, shown))
+    return _best(scene, starts, most)
 
 
 def natural_law(scene: Scene) -> LawName:
@@ -473,7 +463,7 @@ def settling(scene: Scene, start: Start) -> Start:
     if start.design is None:
         return start
     shown, (caution, stationary) = Shown(scene, filtered=True), start.design
-    held, found = _held(scene, shown), {_cost(scene, start): start}
+    held, found = _held(scene, shown), [start]
     designs: dict[float, Start] = {}
     for unmodelled in {*UNMODELLED, stationary}:
         with suppress(DesignError):
@@ -484,9 +474,9 @@ def settling(scene: Scene, start: Start) -> Start:
         for part in SETTLED:
             early = np.hstack([getattr(first, w) - getattr(last, w) for w in WEIGHTS_OF_MEMORY])
             fade = np.array([np.exp(-1.0 / (part * scene.control.steps))])
-            one = replace(last, early=early, fade=fade, law=start.law, design=start.design)
-            found.setdefault(_cost(scene, one), one)
-    return found[min(found)]
+            own = {"early": early, "fade": fade, "law": start.law, "design": start.design}
+            found.append(replace(last, **own))
+    return _best(scene, found)
 
 
 def _held(scene: Scene, shown: Shown) -> Start:
@@ -576,8 +566,12 @@ def _switching(scene: Scene, shown: Shown, name: LawName) -> Start:
     return _best(scene, found)
 
 
-def _best(scene: Scene, starts: list[Start]) -> Start:
-    return starts[0] if len(starts) == 1 else min(starts, key=lambda start: _cost(scene, start))
+def _best(scene: Scene, starts: list[Start], most: float = 1.0) -> Start:
+    """Return the first of the starts that costs at most so many times the least."""
+    if len(starts) == 1:
+        return starts[0]
+    costs = [_cost(scene, start) for start in starts]
+    return next(one for one, cost in zip(starts, costs, strict=True) if cost <= most * min(costs))
 
 
 def _switched_by(pair: Array, shown: Shown, seen: Estimate) -> Start:
