@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from agents.control.actuators import Actuators
 from agents.control.controller import Memory
 from agents.control.model import Innovation
-from agents.control.scene import drawn_but, plant_of
+from agents.control.scene import ENDLESS, drawn_but, plant_of
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
 
@@ -23,8 +23,7 @@ def deviations(scene: Scene) -> Array:
     They are (steps, lanes, 4), of simulated episodes with zero action.
     """
     drawn = drawn_but(scene, "sensors.")
-    scene = scene.replace(sensors={}, randomization=drawn, **{"objective.displacement_limit": None})
-    scene = scene.replace(**{"objective.rail_half_length": None})
+    scene = scene.replace(sensors={}, randomization=drawn, **ENDLESS)
     env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
     _, info = env.reset(seed=SEED)
     innovation, actuators = Innovation(scene), Actuators(scene)

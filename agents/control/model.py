@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.controller import Memory, chosen
-from agents.control.scene import plant_of
+from agents.control.scene import ENDLESS, plant_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
 
@@ -50,8 +50,7 @@ class Model:
             "initial": {},
             "sensors": {},
             "objective.effort_weight": 0.0,
-            "objective.displacement_limit": None,
-            "objective.rail_half_length": None,
+            **ENDLESS,
             "control.steps": 10**9,  # the most that a scene allows
         }
         tuned = {

@@ -11,6 +11,9 @@ from mm_gym.arrays import Array
 
 STATES = ("x1", "x2", "v1", "v2")
 
+ENDLESS = {"objective.displacement_limit": None, "objective.rail_half_length": None}
+"""Changes of a scene by which no motion ends an episode."""
+
 MOST_PLANTS = 32
 _PLANTS: dict[str, Plant] = {}
 
@@ -55,6 +58,12 @@ def plant_of(scene: Scene) -> Plant:
             _PLANTS.pop(next(iter(_PLANTS)))
         _PLANTS[key] = compile_scene(scene)
     return _PLANTS[key]
+
+
+def periods(scene: Scene) -> Array:
+    """Return the periods (n,) of the modes of the linear plant that turn, in control steps [-]."""
+    turning = np.abs(np.linalg.eigvals(plant_of(scene).linear()[0]).imag)
+    return 2.0 * np.pi / (turning[turning > 0.0] * scene.control.time_step)
 
 
 def require_actuator(scene: Scene, name: str) -> None:

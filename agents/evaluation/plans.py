@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from agents.control.controller import Controller, Memory, Reads
+from agents.control.scene import ENDLESS
 from agents.control.trajectories import Indices, Trajectories, Trajectory
 from agents.controllers.noise import correlated
 from agents.evaluation.local_search import LocalSearch
@@ -240,5 +241,4 @@ def _careful(scene: Scene) -> Scene:
     if o.rail_half_length is not None:
         near = (o.stroke_scale / o.rail_half_length) ** 2
         weights["objective.stroke_weight"] = o.stroke_weight + AT_LIMIT * near
-    limits = ("objective.displacement_limit", "objective.rail_half_length")
-    return scene.replace(**weights, **dict.fromkeys(limits))
+    return scene.replace(**weights, **ENDLESS)

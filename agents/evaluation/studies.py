@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import periodogram
 
 from agents.control.controller import Controller
-from agents.control.scene import drawn_but
+from agents.control.scene import ENDLESS, drawn_but
 from agents.evaluation.contestants import Entry, Episodes
 from agents.rollout import Rollout
 from agents.scoring import evaluate, spread_frequency, tail_mean
@@ -208,11 +208,8 @@ def _shaken(scene: Scene, lanes: dict[str, Array], steps: int) -> Scene:
         excitation=[harmonic],
         initial=stretch,
         randomization=drawn | {name: (float(v.min()), float(v.max())) for name, v in lanes.items()},
-        **{
-            "control.steps": steps,
-            "objective.displacement_limit": None,
-            "objective.rail_half_length": None,
-        },
+        **ENDLESS,
+        **{"control.steps": steps},
     )
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from agents.control.scene import plant_of
+from agents.control.scene import periods, plant_of
 from agents.training.config import Count, Positive, SearchSettings
 from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.tasks import task_or_scene
@@ -127,15 +127,14 @@ def schedule(settings: GradientSettings, done: float) -> tuple[float, float]:
 
 def fitted(settings: GradientSettings, scene: Scene) -> GradientSettings:
     """Return settings with what is left at its default chosen for the scene."""
-    poles = np.abs(np.linalg.eigvals(plant_of(scene).linear()[0]).imag)
-    turning = poles[poles > 0.0]
+    steps = periods(scene)
     chosen: dict[str, float] = {"episodes": max(8, FRAMES // scene.control.steps)}
     if scene.actuation.names == ("force",):
         chosen["rate"] = FORCE_RATE
-    if turning.size:
-        period = 2.0 * np.pi / (turning.min() * scene.control.time_step)
-        periods = PERIODS if scene.actuation.stretch is None else SPRING_PERIODS
-        chosen |= zip(("first_horizon", "horizon"), np.multiply(periods, period), strict=True)
+    if steps.size:
+        slowest = PERIODS if scene.actuation.stretch is None else SPRING_PERIODS
+        horizons = np.multiply(slowest, steps.max())
+        chosen |= zip(("first_horizon", "horizon"), horizons, strict=True)
     defaults = GradientSettings()
     left = {k: v for k, v in chosen.items() if getattr(settings, k) == getattr(defaults, k)}
     return settings.model_copy(update=left)

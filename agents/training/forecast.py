@@ -8,6 +8,7 @@ the past has few states: those combinations of the past that tell most of the fu
 
 import numpy as np
 
+from agents.control.scene import ENDLESS
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
 
@@ -47,8 +48,7 @@ def force_memory(scene: Scene, weights: Array, states: int) -> tuple[Array, Arra
 
 def _forces(scene: Scene, weights: Array) -> Array:
     """Return forces (steps, lanes) under random actions, without those of the first frames."""
-    endless = {"objective.displacement_limit": None, "objective.rail_half_length": None}
-    scene = scene.replace(**endless, **{"control.steps": STEPS})
+    scene = scene.replace(**ENDLESS, **{"control.steps": STEPS})
     env = MovingMassVectorEnv(scene, LANES, info="none")
     observation, _ = env.reset(seed=SEED)
     generator, forces = np.random.default_rng(SEED), []

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.control.scene import plant_of
+from agents.control.scene import periods, plant_of
 from agents.controllers.constant import uncontrolled
 from agents.controllers.lqg import OF_ACTUATORS
 from agents.rollout import Rollout
@@ -48,10 +48,8 @@ def misfits(scene: Scene) -> list[str]:
                 f"sensors.noise.{channel.name}: got {channel.noise:g} {channel.unit}; the motion "
                 f"without control is smaller, {motion / channel.factor:.2g} {channel.unit}"
             )
-    turning = np.abs(np.linalg.eigvals(plant.linear()[0]).imag)
-    turning = turning[turning > 0.0]
-    if turning.size:
-        steps = 2.0 * np.pi / (turning * scene.control.time_step)
+    steps = periods(scene)
+    if steps.size:
         least, most = steps.min(), steps.max()
         if least < STEPS[0] or most > STEPS[1]:
             found.append(

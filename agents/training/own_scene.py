@@ -10,7 +10,7 @@ import os
 
 import numpy as np
 
-from agents.control.scene import plant_of
+from agents.control.scene import periods
 from agents.training.algorithm_settings import PPOSettings
 from agents.training.best import best_controller
 from agents.training.config import TrainSettings
@@ -58,9 +58,7 @@ def for_own_scene(settings: TrainSettings, run: Run) -> TrainSettings:
 
 def discount_of(scene: Scene) -> float:
     """Return the discount that looks ahead for some periods of the slowest mode."""
-    poles = np.linalg.eigvals(plant_of(scene).linear()[0])
-    turning = np.abs(poles.imag[np.abs(poles.imag) > 0.0])
-    if not turning.size:
+    steps = periods(scene)
+    if not steps.size:
         return DISCOUNTS[1]
-    ahead = PERIODS * 2.0 * np.pi / (turning.min() * scene.control.time_step)
-    return round(float(np.clip(1.0 - 1.0 / ahead, *DISCOUNTS)), 4)
+    return round(float(np.clip(1.0 - 1.0 / (PERIODS * steps.max()), *DISCOUNTS)), 4)
