@@ -6,6 +6,7 @@ import control
 import numpy as np
 from scipy.linalg import expm
 
+from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.scene import STATES, force_weight, plant_of
@@ -40,8 +41,7 @@ class FeedforwardLQR(Law):
     def __init__(self, scene: Scene, stretch: float | None = None) -> None:
         force_weight(scene)
         plant = plant_of(scene)
-        assert scene.actuation.force is not None  # noqa: S101 - `force_weight` refuses otherwise
-        self.limit = scene.actuation.force.limit
+        self.limit = Command(scene, "force").high
         at = None if stretch is None else {"initial.stretch": stretch}
         system = plant.state_space(["force"], STATES, sampled=True, at=at)
         names = [signal.name for signal in system.states]

@@ -8,6 +8,7 @@ import control
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
+from agents.control.actuators import Command
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
 from agents.control.observed_state import Frame
 from agents.control.scene import STATES, force_weight, plant_of
@@ -163,9 +164,7 @@ def _plant(scene: Scene) -> tuple[LinearSystem, list[str]]:
 def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Matrices:
     """Return the system from (disturbance, noise, force) to (costs, measurements)."""
     weight = np.sqrt(force_weight(scene))
-    actuator = scene.actuation.force
-    assert actuator is not None  # noqa: S101 - `force_weight` refuses otherwise
-    limit, count, size = actuator.limit, len(measured), len(system.A)
+    limit, count, size = Command(scene, "force").high, len(measured), len(system.A)
     disturbed = limit / (scene.carriage.mass if system.inputs[1].name == "ground" else 1.0)
     scales, noise = (frame := Frame(scene, measured)).unit, frame.noise
     noise = np.hypot(NOISE, noise / scales)
