@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import cached_property
+from itertools import islice
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -99,6 +100,7 @@ class Population:
         most = LANES if trial.base is None else candidates * trial.episodes
         self.bounds = [*range(0, candidates, max(1, most // trial.episodes)), candidates]
         self.parts = [Candidates(trial, count) for count in np.diff(self.bounds).tolist()]
+        self.episodes = trial.episodes
         self.frames = candidates * trial.episodes * trial.scene.control.steps
         self.threads = ThreadPoolExecutor(threads)
 
@@ -199,6 +201,11 @@ def _episodes(rollout: Rollout) -> Episodes:
     return found
 
 
+def _coarse(scene: Scene, tolerance: float) -> Scene:
+    """Return the scene with a solver no finer than this."""
+    return scene.replace(**{"solver.tolerance": max(tolerance, scene.solver.tolerance)})
+
+
 def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     """Search until generations or time are used up, and write the best policy to the run's folder.
 
@@ -208,7 +215,7 @@ def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     folder is made. Raise `RunError` if the folder holds another run, or another process uses it.
     """
     search = Evolution(settings, settings.rewarded_scene())
-    with closing(search.population):
+    with closing(search):
         search.finish(run, bar=bar)
 
 
@@ -240,17 +247,21 @@ class Evolution(Search):
         self.network = Network(start, settings.hidden, odd, scales)
         self.first, self.generator = self.network.first(generator), generator
         self.free = self.network.free
-        tolerance = max(settings.tolerance, scene.solver.tolerance)
-        coarse = scene.replace(**{"solver.tolerance": tolerance})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the tolerance is of no use to exact plants
             acting = settings.worst, base, settings.authority
-            trial = Trial(coarse, self.network, settings.episodes, *acting)
-            self.population = Population(trial, settings.candidates, settings.threads)
+            self.populations = [
+                Population(
+                    Trial(_coarse(one, settings.tolerance), self.network, count, *acting),
+                    settings.candidates,
+                    settings.threads,
+                )
+                for one, count in settings.scenes(scene, settings.episodes)
+            ]
         self.worst = settings.worst
         validated = Trial(scene, self.network, VALIDATION_EPISODES, *acting)
         self.validation = Candidates(validated, 1)
-        self.frames = self.population.frames
+        self.frames = sum(one.frames for one in self.populations)
         self.strategy = cma_strategy(
             self.first[self.free],
             settings.spread,
@@ -290,8 +301,17 @@ class Evolution(Search):
     def _advance(self) -> None:
         settings, vectors = self.settings, self._asked()
         first = self.rounds * settings.episodes
-        seeds = training_seeds(settings.seed, settings.episodes, first)
-        self._tell(vectors, self.population.costs(self._whole(vectors), seeds))
+        seeds = iter(training_seeds(settings.seed, settings.episodes, first))
+        costs = np.zeros(len(vectors))
+        for one in self.populations:
+            found = one.costs(self._whole(vectors), list(islice(seeds, one.episodes)))
+            costs += one.episodes / settings.episodes * found
+        self._tell(vectors, costs)
+
+    def close(self) -> None:
+        """End the threads."""
+        for one in self.populations:
+            one.close()
 
     def _told(self) -> dict[str, float]:
         """Return the least and the median cost of the candidates on their training episodes."""

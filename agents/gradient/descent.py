@@ -95,14 +95,9 @@ class Descent(Following):
 
     def _of_scenes(self, scene: Scene, most: float) -> list[tuple[Episodes, Network]]:
         """Return the episodes of each scene, and the passes of the one network through them."""
-        settings, other = self.fitted, self.settings.other_scene()
-        scenes, counts = [scene], [settings.episodes]
-        if other is not None:
-            there = min(max(1, round(settings.share * counts[0])), counts[0] - 1)
-            scenes, counts = [scene, other], [counts[0] - there, there]
         parts = [
             (Episodes(one, count, most), Network(self.start, one.control.steps, count))
-            for one, count in zip(scenes, counts, strict=True)
+            for one, count in self.fitted.scenes(scene, self.fitted.episodes)
         ]
         for _, network in parts[1:]:
             network.parameters = parts[0][1].parameters

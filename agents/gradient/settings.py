@@ -1,15 +1,13 @@
 """The settings of a training by analytic policy gradients."""
 
-from collections.abc import Callable
 from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from agents.control.scene import periods, plant_of
+from agents.control.scene import periods
 from agents.training.config import Count, Positive, SearchSettings
-from mm_gym import Scene, SceneError, load_scene, rewarded
-from mm_gym.tasks import task_or_scene
+from mm_gym import Scene
 
 LAST_RATE = 0.03  # part of the learning rate that is left at the end
 AVERAGED = 0.03  # weight of an iteration in the mean that is validated
@@ -27,15 +25,6 @@ parameter, however little its slope is known."""
 
 SPRING_PERIODS = 0.75, 6.5
 """The same where springs are tuned: they pump energy, and slopes over longer times mislead."""
-
-
-SHARED: dict[str, Callable[[Scene], object]] = {
-    "control.time_step": lambda scene: scene.control.time_step,
-    "sensors.channels": lambda scene: plant_of(scene).channels,
-    "sensors.history": lambda scene: scene.sensors.history,
-    "actuation": lambda scene: scene.actuation.names,
-}
-"""What two scenes have in common that one network learns."""
 
 
 class GradientSettings(SearchSettings):
@@ -64,12 +53,6 @@ class GradientSettings(SearchSettings):
     feedback: Annotated[float, Field(ge=0, le=1)] = 1.0
     """fraction of the slopes over observations that is followed back to earlier motion; 1 is the
     exact gradient, less is steadier"""
-    also: str | None = None
-    """another scene that is learned with this one: a task, or the path of a scene file, with the
-    same observation and actions, such as the task that a variant on rigs that differ is of; it has
-    no `changes`, and validations are on this scene alone"""
-    share: Annotated[float, Field(gt=0, lt=1)] = 0.5
-    """fraction of the episodes that is of the other scene"""
     floor: Positive = 0.05
     """floor of the correlation units' denominators; a smaller one switches more sharply; for your
     own scene the best of three"""
@@ -84,31 +67,6 @@ class GradientSettings(SearchSettings):
             msg = f"also: got {self.also!r} with cell = {self.cell}; allowed: with cell = 0"
             raise ValueError(msg)
         return self
-
-    def code(self) -> dict[str, str]:
-        """Return the texts of the user's files by path, and the digest of the other scene."""
-        other = self.other_scene()
-        return super().code() | ({} if other is None else {str(self.also): other.digest})
-
-    def other_scene(self) -> Scene | None:
-        """Return the scene of `also` with the reward of the settings, or None.
-
-        Raises
-        ------
-        SceneError
-            If it cannot be read, or an agent observes or does something else in it.
-        """
-        if self.also is None:
-            return None
-        own, other = self.load_scene(), load_scene(task_or_scene(self.also))
-        for field, find in SHARED.items():
-            here, there = find(own), find(other)
-            if here != there:
-                msg = (
-                    f"also: {self.also}: {field}: got {there!r}; allowed: {here!r}, as in the scene"
-                )
-                raise SceneError(msg)
-        return rewarded(other, self.reward)
 
 
 STEEPEST = 1000.0

@@ -8,7 +8,6 @@ from typing import Annotated
 from pydantic import BaseModel, Field
 
 from agents.control.controller import Controller
-from agents.controllers.learned import Learned
 from agents.policies import PolicyError, load_policy
 from agents.report.pages import render
 from agents.scoring import evaluate
@@ -138,11 +137,15 @@ def read_published(folder: Path = FOLDER) -> Published:
     return read_checked(Published, folder / RECORD, "a record of published policies", MOST_BYTES)
 
 
-def published_agents(tasks: Container[str], published: Published) -> Iterator[tuple[str, Learned]]:
-    """Yield the published policies of some tasks, each with its task, that stand alone."""
+def published_agents(
+    tasks: Container[str], published: Published
+) -> Iterator[tuple[str, Controller]]:
+    """Yield the published policies of some tasks, each with its task, and added to its base."""
     for row in published.rows:
-        if row.task in tasks and row.base is None and row.file is not None:
-            yield row.task, Learned(load_policy(FOLDER / row.file), row.file)
+        if row.task in tasks and row.file is not None:
+            agent = controller_of(row, load_scene(row.task))
+            agent.name = row.file
+            yield row.task, agent
 
 
 def printed(cost: float) -> str:

@@ -5,13 +5,21 @@ from __future__ import annotations
 import json
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
-from pydantic import Field, JsonValue, model_validator
+from pydantic import (
+    Field,
+    JsonValue,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 from tyro import cli
 from tyro.constructors import PrimitiveConstructorSpec
 
+from agents.control.scene import plant_of
 from agents.training.algorithm_settings import (
     Algorithm,
     AlgorithmSettings,
@@ -28,7 +36,7 @@ from agents.training.forecast import FUTURE
 from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.files import read_toml
 from mm_gym.scene import Document
-from mm_gym.tasks import path_of, short_name, task_called
+from mm_gym.tasks import path_of, short_name, task_called, task_or_scene
 from mm_gym.user_code import is_path, source, split
 
 Changes = Annotated[
@@ -196,6 +204,15 @@ class TimedSettings(RunSettings):
     """validations during the run; the best policy is kept"""
 
 
+SHARED: dict[str, Callable[[Scene], object]] = {
+    "control.time_step": lambda scene: scene.control.time_step,
+    "sensors.channels": lambda scene: plant_of(scene).channels,
+    "sensors.history": lambda scene: scene.sensors.history,
+    "actuation": lambda scene: scene.actuation.names,
+}
+"""What two scenes have in common that one network learns."""
+
+
 class SearchSettings(TimedSettings):
     """What is searched around a law, and where it is written."""
 
@@ -213,6 +230,52 @@ class SearchSettings(TimedSettings):
     """correlation units in addition to those of the controller, drawn at random"""
     memory: Annotated[int, Field(ge=0, le=FUTURE)] = 4
     """states of a linear memory that predicts a random force, if two frames show it"""
+    also: str | None = None
+    """another scene that is learned with this one: a task, or the path of a scene file, with the
+    same observation and actions, such as the task that a variant on rigs that differ is of; it has
+    no `changes`, and validations are on this scene alone"""
+    share: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """fraction of the episodes that is of the other scene"""
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_not_asked_for(self, written: SerializerFunctionWrapHandler) -> Any:  # noqa: ANN401 - what pydantic makes
+        data = written(self)
+        if self.also is None:  # what was written before there was another scene goes on
+            data = {name: one for name, one in data.items() if name not in ("also", "share")}
+        return data
+
+    def code(self) -> dict[str, str]:
+        """Return the texts of the user's files by path, and the digest of the other scene."""
+        other = self.other_scene()
+        return super().code() | ({} if other is None else {str(self.also): other.digest})
+
+    def other_scene(self) -> Scene | None:
+        """Return the scene of `also` with the reward of the settings, or None.
+
+        Raises
+        ------
+        SceneError
+            If it cannot be read, or an agent observes or does something else in it.
+        """
+        if self.also is None:
+            return None
+        own, other = self.load_scene(), load_scene(task_or_scene(self.also))
+        for field, find in SHARED.items():
+            here, there = find(own), find(other)
+            if here != there:
+                msg = (
+                    f"also: {self.also}: {field}: got {there!r}; allowed: {here!r}, as in the scene"
+                )
+                raise SceneError(msg)
+        return rewarded(other, self.reward)
+
+    def scenes(self, scene: Scene, episodes: int) -> list[tuple[Scene, int]]:
+        """Return the scenes that are learned, and how many of the episodes are of each."""
+        other = self.other_scene()
+        if other is None:
+            return [(scene, episodes)]
+        count = min(max(1, round(self.share * episodes)), episodes - 1)
+        return [(scene, episodes - count), (other, count)]
 
 
 def training_seeds(seed: int, count: int, first: int = 0) -> list[int]:

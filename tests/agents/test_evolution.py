@@ -18,6 +18,7 @@ from agents.evolution.search import LANES, Evolution, EvolveSettings, Population
 from agents.policies import load_policy
 from agents.scoring import VALIDATION_SEED, evaluate, validation_cost
 from agents.sweeps.trials import do_trial, read_score
+from agents.training.config import training_seeds
 from agents.training.ending import read_ending
 from agents.training.network import Network
 from agents.training.parts import agent_of, base_controller, make_parts, recorded_parts
@@ -258,7 +259,7 @@ class TestPopulations:
     def test_validation_has_the_cost_of_an_evaluation(self, task, worst):
         settings = changed(task=f"mm_gym/{task}-v0", spread=1.0, worst=worst)
         search = Evolution(settings, settings.load_scene())
-        search.population.close()
+        search.close()
         vector = search.first + search.free * search.generator.normal(size=search.first.size)
         found = search._cost({"vector": vector})
         learned = Learned(search.network.policy(vector))
@@ -266,6 +267,25 @@ class TestPopulations:
         want = np.sqrt(np.sort(penalties)[-round(100 * worst) :].mean())
         # The kernel acts in single precision.
         assert found == pytest.approx(want, rel=1e-4)
+
+    def test_two_scenes_have_their_shares_of_the_cost(self, monkeypatch):
+        settings = changed(
+            task="mm_gym/CarriageForceRobust-v0", also="CarriageForce", share=0.25, episodes=8
+        )
+        scene, other = settings.load_scene(), scene_of("CarriageForce")
+        search = Evolution(settings, scene)
+        vectors = search._asked()
+        monkeypatch.setattr(search, "_asked", lambda: vectors)
+        search._advance()
+        search.close()
+        first, *_ = seeds = training_seeds(settings.seed, 8)
+        assert seeds == list(range(first, first + 8))
+        for vector, cost in zip(search._whole(vectors), search.costs[0], strict=True):
+            learned = Learned(search.network.policy(vector))
+            own = evaluate(scene, learned, seed=first, episodes=6).penalties.mean()
+            there = evaluate(other, learned, seed=first + 6, episodes=2).penalties.mean()
+            # The kernel acts in single precision.
+            assert cost == pytest.approx(0.75 * own + 0.25 * there, rel=1e-3)
 
 
 class TestBases:

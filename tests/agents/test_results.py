@@ -23,11 +23,14 @@ from agents.sweeps.results import (
     Earlier,
     best_of,
     cells_of,
+    known_names,
     merged,
     read_results,
     save,
 )
+from agents.training.config import CONFIGS, read_settings
 from mm_gym import SceneError
+from mm_gym.tasks import ids
 
 COMMITTED = read_results()
 
@@ -102,6 +105,11 @@ class TestFile:
 
     def test_page_is_made_of_the_file(self):
         assert FILE.with_suffix(".md").read_text("utf-8") == page(COMMITTED, "results")
+
+    def test_trainings_are_those_of_the_committed_settings(self):
+        trials = read_settings(CONFIGS / "results.toml", command.ResultsSettings).trials()
+        of_tasks = [one for one in COMMITTED.trainings if one.task in ids()]
+        assert len(known_names(COMMITTED, trials)) == len(of_tasks), "they would be trained again"
 
     def test_file_is_written_as_it_is_read(self, tmp_path):
         save(COMMITTED, tmp_path / "results.json")
