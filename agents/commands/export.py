@@ -29,6 +29,7 @@ from agents.training.runs import Run
 from agents.value_table.policy import TablePolicy
 from mm_gym import load_scene
 from mm_gym.files import check_outputs, write_bytes
+from mm_gym.tasks import task_or_scene
 
 WRITERS = {
     ".c": lambda policy, interface, comment: c_source(
@@ -84,7 +85,7 @@ def read_exported(arguments: Arguments) -> Exported:
     user's that is not trusted.
     """
     path, trust = arguments.policy, arguments.trust
-    scene = None if arguments.task is None else load_scene(arguments.task)
+    scene = None if arguments.task is None else load_scene(task_or_scene(arguments.task))
     if path.is_dir():
         return _of_run(Run(path.name, path.parent), trust=trust)
     if scene is not None and not path.suffix:

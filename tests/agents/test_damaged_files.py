@@ -592,6 +592,7 @@ def test_page_of_tasks_is_not_written_from_damaged_scores(text, tmp_path, monkey
     read = read_scores
     monkeypatch.setattr(task_page, "read_scores", lambda **names: read(file, **names))
     monkeypatch.setattr(task_page, "TASKS", page)
+    monkeypatch.setattr("sys.argv", ["agents"])
     assert str(task_page.main()).startswith(f"error: {file}: ")
     assert not page.exists()
 

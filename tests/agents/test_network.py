@@ -168,7 +168,7 @@ def test_rig_in_c_replays_an_episode(tmp_path):
 
 
 def test_header_tells_channels_commands_and_sample_time(tmp_path, monkeypatch):
-    words = ["lqr", "--task", "mm_gym/CarriageForce-v0", "--out", str(tmp_path / "lqr.c")]
+    words = ["lqr", "--task", "CarriageForce", "--out", str(tmp_path / "lqr.c")]
     monkeypatch.setattr("sys.argv", ["export", *words])
     assert command.main() is None
     text = (tmp_path / "lqr.c").read_text()
