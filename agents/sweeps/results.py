@@ -334,15 +334,19 @@ def with_references(results: Results) -> Results:
 def reference_controller(scene: Scene, name: str) -> Controller:
     """Return the controller of a name on the page of tasks; raise `RunError` if none has it now."""
     found = [one for one in entries(scene) if one.role != "informed" and not one.refuses(scene)]
-    first = name.partition(" ")[0]
-    # First what is quick to design, from known numbers, or has a name that begins as this one.
-    found.sort(key=lambda one: one.tunable is None and not one.name.startswith(first))
+    # First those whose title the name begins with, then what is quick to design, of known numbers.
+    words = _words(name)
+    found.sort(key=lambda one: (not words.startswith(_words(one.title)), not one.tunable))
     for entry in found:
         made, _ = designed(scene, {entry.name: entry.make})
         if made and made[0].name == name:
             return made[0]
     msg = f"{SCORES.name}: got {name!r}, as no controller is called now: python -m agents headroom"
     raise RunError(msg)
+
+
+def _words(text: str) -> str:
+    return text.lower().replace("-", " ")
 
 
 def _best_controller(task: str, scene: Scene) -> str:
