@@ -15,13 +15,13 @@ import tyro
 
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
-from agents.evaluation.rigs import EPISODES, FILE, read_robustness, scores_of
+from agents.evaluation.rigs import EPISODES, FILE, read_robustness, scores_of, task_of
 from agents.report.published import published_agents, read_published
 from agents.report.score_pages import ROBUSTNESS, robustness_page
 from agents.sweeps.results import read_results
 from mm_gym import SceneError, load_scene
 from mm_gym.files import write_text
-from mm_gym.tasks import ids, robust_ids, short_name, task_called
+from mm_gym.tasks import robust_ids, short_name, task_called
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,17 @@ class Arguments:
 def main(arguments: Arguments) -> None:
     """Score from the command line."""
     variants, agents = robust_ids(), agents_of(arguments.runs)
-    for task, policy in published_agents((*ids(), *variants), read_published()):
-        agents.setdefault(task, []).append(policy)
-    scores, trained = read_robustness(), read_results()
-    for variant in map(task_called, arguments.tasks or variants):
+    wanted = list(map(task_called, arguments.tasks or variants))
+    for variant in wanted:
         if variant not in variants:
             allowed = ", ".join(map(short_name, variants))
             msg = f"tasks: got {short_name(variant)!r}; allowed: {allowed}"
             raise SceneError(msg)
+    of_wanted = {*wanted, *map(task_of, wanted)}
+    for task, policy in published_agents(of_wanted, read_published()):
+        agents.setdefault(task, []).append(policy)
+    scores, trained = read_robustness(), read_results()
+    for variant in wanted:
         began = time.perf_counter()
         digest, before = load_scene(variant).digest, scores.get(variant)
         known = None

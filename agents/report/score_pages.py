@@ -18,6 +18,7 @@ from agents.evaluation.scores import SCORES
 from agents.evaluation.sealed import EPISODES as SEALED_EPISODES
 from agents.evaluation.sealed import first_seed
 from agents.report.pages import render
+from agents.report.published import printed
 from agents.sweeps.results import Results, best_of, cells_of
 from agents.sweeps.trials import EPISODES as PENALTIES
 from mm_gym import Scene, compile_scene, load_scene, over_rigs
@@ -241,7 +242,7 @@ def robustness_page(scores: Mapping[str, Any], results: Results) -> str:
             [
                 *(f"`{short_name(name)}`", cell.algorithm, str(len(cell.trainings))),
                 *(span(cell.cost()), references[name].controller),
-                *(f"{references[name].cost:.4f}", span(ratios[short_name(name)], 3)),
+                *(printed(references[name].cost), span(ratios[short_name(name)], 3)),
             ]
             for name, cell in cells.items()
         ],
