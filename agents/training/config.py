@@ -270,10 +270,16 @@ class SearchSettings(TimedSettings):
         return rewarded(other, self.reward)
 
     def scenes(self, scene: Scene, episodes: int) -> list[tuple[Scene, int]]:
-        """Return the scenes that are learned, and how many of the episodes are of each."""
+        """Return the scenes that are learned, and how many of the episodes are of each.
+
+        Raise `SceneError` if there are fewer episodes than scenes.
+        """
         other = self.other_scene()
         if other is None:
             return [(scene, episodes)]
+        if episodes < 2:  # noqa: PLR2004 - one of each
+            msg = f"episodes: got {episodes} with also = {self.also!r}; allowed: at least 2"
+            raise SceneError(msg)
         count = min(max(1, round(self.share * episodes)), episodes - 1)
         return [(scene, episodes - count), (other, count)]
 

@@ -534,6 +534,11 @@ class TestTwoScenes:
             descend(TINY.model_copy(update={"also": also}), run, bar=False)
         assert not run.folder.exists()
 
+    def test_one_episode_is_not_of_two_scenes(self):
+        settings = TINY.model_copy(update={"also": "Hybrid", "episodes": 1})
+        with pytest.raises(SceneError, match="episodes: got 1 with also = 'Hybrid'; allowed"):
+            Descent(settings, settings.rewarded_scene())
+
     def test_a_cell_learns_one_scene(self):
         with pytest.raises(SceneError, match="also: got 'Hybrid' with cell = 4"):
             GradientSettings.of({"also": "Hybrid", "cell": 4})
