@@ -108,10 +108,11 @@ def _of_run(run: Run, *, trust: bool) -> Exported:
     gains = linear_base(parts.base, scene)
     if gains is None:
         k = policy.sizes[-1]
+        last = "last input is" if k == 1 else f"last {k} inputs are"
         return Exported(
             policy,
-            comment=f"Its last {k} inputs are the action of the law {name}, which is not in it; "
-            f"apply clip(law + {parts.authority} * action, -1, 1).",
+            comment=f"Its {last} the action of the controller {name}, which is not in it; "
+            f"apply clip(controller + {parts.authority} * action, -1, 1).",
         )
     return Exported(residual(policy, gains, parts.authority), Interface.of_scene(scene))
 

@@ -10,7 +10,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from agents.network.graph import Graph, Operation, Signal
-from agents.network.interface import Interface
+from agents.network.interface import Interface, counted
 from mm_gym.arrays import Array
 
 FUNCTIONS = {
@@ -178,6 +178,7 @@ def c_source(graph: Graph, interface: Interface | None = None, comment: str = ""
         helpers=[text for call, text in HELPERS.items() if call in "".join(writer.statements)],
         interface=interface,
         comment=comment,
+        counted=counted,
         literal=_literal,
     )
     return Source(text, sum(map(len, writer.tables)), kept, writer.working, writer.products)

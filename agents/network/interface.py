@@ -15,6 +15,11 @@ UNITS = {"force": "N", "stretch": "-", "damping": "N s/m", "voltage": "V"}
 """Of what actuators apply."""
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number of things in words: "1 action", "2 actions"."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 class Channel(Document):
     """A number of a frame: (measured - zero) * factor."""
 
@@ -92,12 +97,13 @@ class Interface(Document):
     @property
     def told(self) -> list[str]:
         """What goes in and what comes out, a line each."""
-        lines = [f"sample time {self.time_step:g} s; an observation is {self.history} frames of:"]
+        frames = f"{counted(self.history, 'frame')} of:"
+        lines = [f"sample time {self.time_step:g} s; an observation is {frames}"]
         lines += [
             f"  measured[{i}]: {c.name} [{c.unit}], observed as (value - {c.zero:g}) * {c.factor:g}"
             for i, c in enumerate(self.channels)
         ]
-        lines.append("the oldest first. Commands:")
+        lines.append("Commands:" if self.history == 1 else "the oldest first. Commands:")
         lines += [
             f"  command[{i}]: {c.name}{' rate' if c.kind == 'rate' else ''} "
             f"[{c.unit_of_command}], {c.low:g} to {c.high:g}; "

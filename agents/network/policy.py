@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from agents.network.files import PolicyError, content_of, numbers
 from agents.network.graph import Graph
-from agents.network.interface import Interface
+from agents.network.interface import Interface, counted
 from agents.network.layers import (
     KINDS,
     LSTM,
@@ -77,7 +77,8 @@ class Policy:
         """Raise `PolicyError` unless observation and action have so many numbers."""
         if (self.observed, self.actions) != (observation, action):
             msg = (
-                f"policy: got {self.observed} observed numbers and {self.actions} actions; "
+                f"policy: got {counted(self.observed, 'observed number')} and "
+                f"{counted(self.actions, 'action')}; "
                 f"the scene has {observation} and {action}"
             )
             raise PolicyError(msg)

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from agents.network.files import Arrays, PolicyError, content_of, numbers
+from agents.network.interface import counted
 from agents.value_table.kernel import NODES, choose
 from mm_gym.arrays import Array, Single
 from mm_gym.files import write_bytes
@@ -43,7 +44,7 @@ class TablePolicy:
         """Raise `PolicyError` unless observation and action have so many numbers."""
         if self.sizes != [observation, action]:
             msg = (
-                f"policy: got {self.sizes[0]} observed numbers and {self.sizes[1]} action; "
+                f"policy: got {counted(self.sizes[0], 'observed number')} and 1 action; "
                 f"the scene has {observation} and {action}"
             )
             raise PolicyError(msg)

@@ -171,7 +171,7 @@ def test_policy_of_a_base_is_refused_without_it(tmp_path):
     settings = tiny("ppo", base="lqr")
     policy = policy_of(model_of(settings, tmp_path))
     parts = make_parts(settings.model_copy(update={"base": None}))
-    with pytest.raises(PolicyError, match="got 5 observed numbers and 1 actions; the scene has 4"):
+    with pytest.raises(PolicyError, match="got 5 observed numbers and 1 action; the scene has 4"):
         evaluate(parts.scene, parts.controller(policy), episodes=2)
 
 

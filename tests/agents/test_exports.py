@@ -146,8 +146,8 @@ def test_agent_around_another_law_says_what_is_missing(tmp_path, monkeypatch, ca
     policy_of([5, 8, 1], "tanh").save(run.policy)
     assert export(monkeypatch, run.folder, "--out", tmp_path / "p.c") is None
     said = (
-        "Its last 1 inputs are the action of the law lqr, which is not in it; "
-        "apply clip(law + 0.25 * action, -1, 1)."
+        "Its last input is the action of the controller lqr, which is not in it; "
+        "apply clip(controller + 0.25 * action, -1, 1)."
     )
     assert said in capsys.readouterr().out
     assert said in (tmp_path / "p.c").read_text()

@@ -178,6 +178,9 @@ def test_header_tells_channels_commands_and_sample_time(tmp_path, monkeypatch):
     assert f"sample time {interface.time_step:g} s" in text
     assert "[m/s]" in text
     assert "[N]" in text
+    assert "4 observed numbers to 1 action in" in text
+    assert "an observation is 1 frame of:" in text
+    assert "the oldest first" not in text
 
 
 def test_laboratory_that_does_not_begin_at_zero_or_fits_no_scene_is_told(tmp_path):
