@@ -30,8 +30,14 @@ from agents.evaluation.studies import Records, check_records
 from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.report.comparison import report_comparison
 from agents.report.figures import draw_costs, draw_response
-from agents.report.pages import print_ranking, print_table, write_episodes, write_scores
-from agents.report.published import printed, read_published, scored_again
+from agents.report.pages import (
+    print_ranking,
+    print_table,
+    printed,
+    write_episodes,
+    write_scores,
+)
+from agents.report.published import read_published, scored_again
 from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
 from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run

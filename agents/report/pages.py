@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from math import nan
+from math import isnan, nan
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from rich.console import Console
 from rich.table import Table
 
+from agents.evaluation.aggregates import Estimate
 from agents.scoring import Evaluation
 from mm_gym import Scene
 from mm_gym.files import write_csv
@@ -25,6 +26,23 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def percent(value: float) -> str:
     """Return a ratio in whole per cent; nothing rounds to -0."""
     return f"{round(100.0 * value)} %"
+
+
+def printed(cost: float) -> str:
+    """Return a cost as pages have it."""
+    return f"{cost:.4f}"
+
+
+def cost_range(least: float, most: float) -> str:
+    """Return a range of costs as pages have it."""
+    return f"{printed(least)} to {printed(most)}"
+
+
+def span(found: Estimate, digits: int = 4) -> str:
+    """Return a value as pages have it, with its interval if it has one."""
+    value = f"{found.value:.{digits}f}"
+    ends = f" [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+    return value if isnan(found.low) else value + ends
 
 
 def not_scored_cells(not_scored: Mapping[str, str]) -> list[str]:

@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from agents.control.controller import Controller
 from agents.policies import PolicyError, load_policy
-from agents.report.pages import render
+from agents.report.pages import cost_range, printed, render
 from agents.scoring import evaluate
 from agents.sweeps.results import Cell, Results
 from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of
@@ -146,16 +146,6 @@ def published_agents(
             agent = controller_of(row, load_scene(row.task))
             agent.name = row.file
             yield row.task, agent
-
-
-def printed(cost: float) -> str:
-    """Return a cost as the page has it."""
-    return f"{cost:.4f}"
-
-
-def cost_range(least: float, most: float) -> str:
-    """Return a range of costs as pages have it."""
-    return f"{printed(least)} to {printed(most)}"
 
 
 def controller_of(row: Row, scene: Scene, folder: Path = FOLDER) -> Controller:

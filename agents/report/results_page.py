@@ -7,9 +7,8 @@ import numpy as np
 from agents.evaluation.headroom import CLASSICAL
 from agents.evaluation.scores import read_scores
 from agents.evaluation.sealed import read_sealed
-from agents.report.pages import percent, render
-from agents.report.published import cost_range, printed
-from agents.report.score_pages import of_sealed, span, standing
+from agents.report.pages import cost_range, percent, printed, render, span
+from agents.report.score_pages import of_sealed, standing
 from agents.scoring import tail_mean
 from agents.sweeps.results import Cell, Earlier, OnTask, Results, on_tasks
 from agents.sweeps.trials import LEARNERS

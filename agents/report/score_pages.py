@@ -17,8 +17,7 @@ from agents.evaluation.rigs import EPISODES as OF_RIGS
 from agents.evaluation.scores import SCORES
 from agents.evaluation.sealed import EPISODES as SEALED_EPISODES
 from agents.evaluation.sealed import first_seed
-from agents.report.pages import render
-from agents.report.published import printed
+from agents.report.pages import printed, render, span
 from agents.sweeps.results import Results, best_of, cells_of
 from agents.sweeps.trials import EPISODES as PENALTIES
 from mm_gym import Scene, compile_scene, load_scene, over_rigs
@@ -264,13 +263,6 @@ def _agent_wins(compared: Sequence[Row | None]) -> bool:
     """Tell whether the agent over the rigs costs less there than the best controller."""
     controller, _, agent = compared
     return controller is not None and agent is not None and agent["rigs"] < controller["rigs"]
-
-
-def span(found: Estimate, digits: int = 4) -> str:
-    """Return a value as pages have it, with its interval if it has one."""
-    value = f"{found.value:.{digits}f}"
-    ends = f" [{found.low:.{digits}f}, {found.high:.{digits}f}]"
-    return value if isnan(found.low) else value + ends
 
 
 def sealed_page(data: Mapping[str, Any]) -> str:

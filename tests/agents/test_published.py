@@ -9,13 +9,13 @@ import pytest
 
 from agents.commands import evaluate as command
 from agents.policies import PolicyError
+from agents.report.pages import printed
 from agents.report.published import (
     FOLDER,
     LARGEST,
     PAGE,
     RECORD,
     page,
-    printed,
     publish,
     read_published,
     scored_again,

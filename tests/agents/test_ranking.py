@@ -12,7 +12,8 @@ from agents.commands import ranking
 from agents.evaluation.headroom import EPISODES, least_cost, passive_rows
 from agents.evaluation.scores import SCORES
 from agents.policies import network
-from agents.report.published import printed, read_published
+from agents.report.pages import printed
+from agents.report.published import read_published
 from agents.report.score_pages import COLUMNS, NO_BETTER, surprises
 from agents.report.score_pages import RANKING as PAGE
 from agents.report.score_pages import ranking_page as page
