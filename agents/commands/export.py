@@ -8,7 +8,8 @@ channels, actuators, units and scales, and so is a file or a named controller wi
 source then has ``policy_act_si``, from SI units to SI units.
 
 An agent around a controller is written together with it if the controller is linear in the
-observation. Otherwise the command says which action to pass in, and how to add the two.
+observation. Otherwise the command says which action to pass in, and how to add the two, and the C
+source has no ``policy_act_si``.
 """
 
 from dataclasses import dataclass
