@@ -1,11 +1,12 @@
-"""Train on all tasks and write ``docs/results.md``.
+"""Train the agents of a sweep and write ``docs/results.md``.
 
 For example ``python -m agents results configs/results.toml``. The file is that of a sweep, see
-``python -m agents sweep``. What finished trainings cost is put into ``docs/results.json``, from
-which alone the page is written: ``--no-train`` writes it of what there is. A training in these data
-or in ``runs/`` is not done again: ``python -m agents sweep`` repeats those of the data. The policy
-of the median seed of every row is published with it: ``python -m agents evaluate --published``
-scores them again. Variants on rigs that differ are on the page of ``python -m agents robustness``.
+``python -m agents sweep``. The costs of finished trainings are put into ``docs/results.json``, and
+the page is written from these data alone; ``--no-train`` writes it without training. A training
+that these data or ``runs/`` have is not repeated; ``python -m agents sweep`` repeats those that
+only the data have. The policy of the median seed of every row is published with the page:
+``python -m agents evaluate --published`` scores these policies again. Robust variants are on the
+page of ``python -m agents robustness``.
 """
 
 import os

@@ -1,9 +1,9 @@
 """Score controllers and agents on the robust variants, and write ``docs/robustness.md``.
 
-Each variant of a task, as ``PreStretchNoiseRobust``, draws a rig for each episode. Controllers are
-tuned on validation episodes of the variant and told the middle of what is drawn. Agents are the
-published policies of the variant and of the task itself; ``--runs`` adds finished runs. Scores of
-other variants stay as they are.
+Each variant of a task, such as ``PreStretchNoiseRobust``, draws a rig for each episode. Controllers
+are designed for the middle of what is drawn, and tuned on validation episodes of the variant.
+Agents are the published policies of the variant and of the task itself; ``--runs`` adds finished
+runs. Scores of other variants stay as they are.
 """
 
 import json

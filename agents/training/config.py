@@ -214,16 +214,16 @@ SHARED: dict[str, Callable[[Scene], object]] = {
 
 
 class SearchSettings(TimedSettings):
-    """What is searched around a law, and where it is written."""
+    """What is searched around a controller, and where it is written."""
 
     law: LawName = "auto"
-    """what a network begins as: "regulator" the LQR of the force, "switching" the clipped LQR of
-    the stretch (both with both actuators) or clipped-optimal control of the damper,
-    "weighted" the clipped LQR with the free weights of `tune-controllers`, "lqg" the LQG of the
-    force, "tracking" an absorber tuned to the frequency it finds, "constant" the best
-    constant command, "none" no control; "auto" takes the one for the actuators of a task, unless
-    the LQG or no control clearly costs less on the validation episodes, and the cheapest for your
-    own scene"""
+    """controller as which the network begins: "regulator" the LQR of the force, "switching" the
+    clipped LQR of the stretch or clipped-optimal control of the damper (with a force and a stretch
+    either name means both), "weighted" the clipped LQR with the free weights of
+    `tune-controllers`, "lqg" the LQG of the force, "tracking" an absorber tuned to the frequency
+    that it finds, "constant" the best constant command, "none" no control; "auto" takes the one
+    that suits the actuators, unless another costs clearly less on the validation episodes, and
+    for your own scene the cheapest"""
     hidden: Count = 8
     """units of the hidden layer"""
     extra: Annotated[int, Field(ge=0)] = 0
@@ -231,11 +231,11 @@ class SearchSettings(TimedSettings):
     memory: Annotated[int, Field(ge=0, le=FUTURE)] = 4
     """states of a linear memory that predicts a random force, if two frames show it"""
     also: str | None = None
-    """another scene that is learned with this one: a task, or the path of a scene file, with the
-    same observation and actions, such as the task that a variant on rigs that differ is of; it has
-    no `changes`, and validations are on this scene alone"""
+    """a second scene, learned in some of the episodes: a task or the path of a scene file, with the
+    same channels, frames, actuators and control step; for example Hybrid next to HybridRobust;
+    `changes` and validations are of the first scene alone"""
     share: Annotated[float, Field(gt=0, lt=1)] = 0.5
-    """fraction of the episodes that is of the other scene"""
+    """fraction of the training episodes on the second scene"""
 
     @model_serializer(mode="wrap")
     def _without_what_is_not_asked_for(self, written: SerializerFunctionWrapHandler) -> Any:  # noqa: ANN401 - what pydantic makes
