@@ -1,11 +1,11 @@
 """Train many agents: tasks, algorithms, settings and seeds.
 
 For example ``python -m agents sweep --tasks PreStretch Hybrid --algorithms ppo sac --seeds 10``, or
-with a file: ``python -m agents sweep sweep.toml``. On a Ray cluster: ``--ray`` begins one on this
-machine, ``--ray ADDRESS`` takes one.
+with a file: ``python -m agents sweep sweep.toml``. ``--ray`` starts a Ray cluster on this machine,
+and ``--ray ADDRESS`` uses one that runs.
 
 Each training is a run folder in ``runs/NAME``, and ``results.csv`` there has a row for each. The
-same command again does what is left, and with more seeds or tasks what is new.
+same command does the remaining trainings, and with more seeds or tasks the additional ones.
 """
 
 from collections.abc import Sequence

@@ -100,8 +100,9 @@ class SweepSettings(Document):
     """trainings of each kind, with the seeds 0, 1, ..."""
     settings: Changes = Field(default_factory=dict[str, JsonValue])
     """settings of all trainings, by dotted name: '{"scene": "my.toml"}'; those of one algorithm
-    begin with its name, such as "ppo.epochs" or "evolution.hidden"; they override the task's file
-    of good settings; a setting that an algorithm of the sweep does not have is refused"""
+    begin with its name, such as "ppo.epochs" or "evolution.hidden"; they override the defaults and
+    the file in configs/gradient; a setting that an algorithm of the sweep does not have is
+    refused"""
     algorithm_settings: Changes = Field(default_factory=dict[str, JsonValue])
     """for each algorithm the settings in which it differs, by dotted name"""
     task_settings: Changes = Field(default_factory=dict[str, JsonValue])
@@ -111,7 +112,7 @@ class SweepSettings(Document):
     processes: Count | None = None
     """trainings at once; by default one for each processor"""
     ray: Address = None
-    """train on a Ray cluster: its address, or none to begin one on this machine"""
+    """train on a Ray cluster: its address, or none to start one on this machine"""
 
     def trials(self) -> list[RunSettings]:
         """Return the settings of each training, its name the folder in that of the sweep.
