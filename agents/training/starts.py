@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, solve_discrete_lyapunov
 
 from agents.control.actuators import Command
 from agents.control.observed_state import ROWS
@@ -59,6 +59,10 @@ CAUTION = 0.1, 1.0, 10.0, 100.0
 """Factors of the force's weight in these designs: with more the force is clipped less often, which
 the regulator does not foresee."""
 
+LEAST = 1e-3
+"""Least weight of the force in these designs, over the mean penalty without control: where a scene
+states none or hardly any, the force is at its limits throughout, and noise and delay decide."""
+
 FINELY = 10.0 ** np.array([-0.75, -0.5, -0.25, 0.25, 0.5, 0.75])
 """Factors of the best of these, that are tried then."""
 
@@ -67,7 +71,13 @@ SETTLED = 0.05, 0.25
 
 WEIGHTS_OF_MEMORY = "keep", "enter", "back"
 
-MOST_STATES = 64  # of the memory of an LQG: each late frame adds some
+MOST_STATES = 64
+"""Of the memory of a filter. Each late frame adds some; where there are more, the memory is reduced
+to what it tells: of many late channels hardly more than the last actions."""
+
+TOLD = 1e-6
+"""Part of what a state of a memory tells, over the state that tells most, below which it is left
+out where the memory is reduced."""
 
 SOFTER = 1.0, 0.5, 0.25, 0.125
 """Factors of the gain of correlation units that are tried where these may read a filter: where
@@ -109,7 +119,8 @@ class Start:
     early: Array = field(default_factory=lambda: np.empty((0, 0)))
     fade: Array = field(default_factory=lambda: np.empty(0))
     law: LawName = "none"  # the name of what it is
-    # Of an LQG, what it was designed with: the factor of the force's weight, and `unmodelled`.
+    # Of an LQG that may settle, what it was designed with: the factor of the force's weight, and
+    # `unmodelled`.
     design: tuple[float, float] | None = None
 
     def remembering(self, keep: Array, enter: Array, back: Array | None = None) -> Start:
@@ -312,10 +323,10 @@ class Shown:
                 system, gains = design_filter(scene, at, unmodelled)
                 units = state_units(scene, plant, system)
                 _, keep, enter = self.memory_of(system, gains, units)
-                state = np.zeros((4, self.count + len(keep)))
-                state[:, self.count : self.count + 4] = np.diag(units[:4])
-                if len(keep) <= MOST_STATES:
-                    found.append(Estimate(state, keep, enter))
+                told = np.eye(4, len(keep)) * units[:4, None]
+                keep, enter, told = _reduced(keep, enter, told)
+                state = np.hstack([np.zeros((4, self.count)), told])
+                found.append(Estimate(state, keep, enter))
         return found
 
     def memory_of(
@@ -434,12 +445,12 @@ def _lqg(scene: Scene, shown: Shown) -> Start:
     """
     found: dict[tuple[float, float], tuple[float, Start]] = {}
     reasons: list[DesignError] = []
-    held = _held(scene, shown)
+    held, weighed = _held(scene, shown), _weighed(scene)
 
     def try_all(designs: Iterable[tuple[float, float]]) -> tuple[float, float]:
         for design in designs:
             try:
-                start = _one_lqg(scene, shown, *design, held)
+                start = _one_lqg(weighed, shown, *design, held)
             except DesignError as error:
                 reasons.append(error)
             else:
@@ -450,7 +461,7 @@ def _lqg(scene: Scene, shown: Shown) -> Start:
 
     caution, unmodelled = try_all(itertools.product(CAUTION, UNMODELLED))
     best = try_all((caution * factor, unmodelled) for factor in FINELY)
-    return replace(found[best][1], design=best)
+    return found[best][1]
 
 
 def settling(scene: Scene, start: Start) -> Start:
@@ -463,11 +474,11 @@ def settling(scene: Scene, start: Start) -> Start:
     if start.design is None:
         return start
     shown, (caution, stationary) = Shown(scene, filtered=True), start.design
-    held, found = _held(scene, shown), [start]
+    held, weighed, found = _held(scene, shown), _weighed(scene), [start]
     designs: dict[float, Start] = {}
     for unmodelled in {*UNMODELLED, stationary}:
         with suppress(DesignError):
-            designs[unmodelled] = _one_lqg(scene, shown, caution, unmodelled, held)
+            designs[unmodelled] = _one_lqg(weighed, shown, caution, unmodelled, held)
     for (quick, first), (slow, last) in itertools.product(designs.items(), repeat=2):
         if not slow < quick or not slow <= stationary <= quick:
             continue
@@ -477,6 +488,15 @@ def settling(scene: Scene, start: Start) -> Start:
             own = {"early": early, "fade": fade, "law": start.law, "design": start.design}
             found.append(replace(last, **own))
     return _best(scene, found)
+
+
+def _weighed(scene: Scene) -> Scene:
+    """Return the scene with a weight of the force that a regulator can be designed with."""
+    stated = Scene.of(scene.model_dump(mode="json"))  # without a reward of one's own
+    least = LEAST * validation_cost(stated, Learned(without_control(stated))) ** 2
+    if scene.objective.effort_weight >= least:
+        return scene
+    return scene.replace(**{"objective.effort_weight": least})
 
 
 def _held(scene: Scene, shown: Shown) -> Start:
@@ -515,20 +535,45 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float, held
     cautious = scene.replace(**{"objective.effort_weight": weight})
     design = design_lqg(cautious, stretch=stretch, unmodelled=unmodelled, wandering=True)
     system, limit = design.system, force.limit
-    if len(system.A) > MOST_STATES:
-        msg = f"law: 'lqg' has {len(system.A)} states here; allowed: at most {MOST_STATES}"
-        raise DesignError(msg)
     units = state_units(scene, plant_of(scene), system)
     corrected, keep, enter = shown.memory_of(system, design.filters[-1], units)
     back = np.zeros((len(keep), shown.actions))
     back[:, 0] = corrected @ system.B[:, 0] * limit / units
-    start = held.remembering(keep, enter, back)
-    start.direct[0, 1 + shown.count :] = -design.gain * units / limit
-    return start
+    entered, told = np.hstack([enter, back]), -design.gain[None] * units / limit
+    kept, entered, told = _reduced(keep, entered, told)
+    start = held.remembering(kept, *np.split(entered, [shown.count], axis=1))
+    start.direct[0, 1 + shown.count :] = told
+    # The states that are left of two filters are not the same.
+    return replace(start, design=(caution, unmodelled) if kept is keep else None)
+
+
+def _reduced(keep: Array, enter: Array, told: Array) -> tuple[Array, Array, Array]:
+    """Return a memory and what is told of it (p, m), with fewer states where they are too many.
+
+    Moore, *Principal component analysis in linear systems*, IEEE Trans. Autom. Control 26 (1981):
+    those states are left out that inputs hardly excite, or that are hardly told. Inputs that do not
+    follow from another excite each of the others by one.
+    """
+    if len(keep) <= MOST_STATES:
+        return keep, enter, told
+    matters = told.any(axis=0)
+    for _ in keep:
+        matters = matters | keep[matters].any(axis=0)
+    keep, enter, told = keep[np.ix_(matters, matters)], enter[matters], told[:, matters]
+    excited = solve_discrete_lyapunov(keep, enter @ enter.T)
+    seen = solve_discrete_lyapunov(keep.T, told.T @ told)
+    sizes, turned = np.linalg.eigh(excited)
+    root = turned * np.sqrt(np.maximum(sizes, 0.0))
+    parts, principal = np.linalg.eigh(root.T @ seen @ root)  # squares, the least first
+    first = max(len(keep) - MOST_STATES, np.searchsorted(parts, TOLD**2 * parts[-1]))
+    back = root @ principal[:, first:]
+    to = (seen @ back / parts[first:]).T
+    return to @ keep @ back, to @ enter, told @ back
 
 
 def _regulator(scene: Scene) -> Array:
     """Return the LQR's action as (4,) weights of the state, at the stretch of `_switching`."""
+    scene = _weighed(scene)
     stretch = None if scene.actuation.stretch is None else _design_stretch(scene)
     try:
         law = LQR(scene, stretch)

@@ -18,7 +18,7 @@ from agents.gradient.settings import GradientSettings, fitted
 from agents.policies import load_policy
 from agents.scoring import evaluate, validation_cost
 from agents.training import best as best_of
-from agents.training import own_scene, search
+from agents.training import own_scene, search, starts
 from agents.training.algorithm_settings import PPOSettings
 from agents.training.best import Best
 from agents.training.config import TrainSettings
@@ -100,6 +100,29 @@ def test_search_begins_no_worse_than_the_controller_that_suits(name: str, law: s
     wanted = validation_cost(scene, laws(scene)[known](scene))
     # A clipped action is known to the memory: without that the frame's start cost twice as much.
     assert validation_cost(scene, Learned(start.policy())) <= 1.001 * wanted
+
+
+@pytest.mark.parametrize("weight", [0.0, 1e-9])
+def test_lqg_is_begun_with_where_the_force_costs_nothing(weight: float):
+    # With a weight of 0.01 the LQG costs 0.1; no control costs 1.35.
+    scene = structure("frame").replace(**{"objective.effort_weight": weight})
+    start = start_of(scene, settings_for("frame"), np.random.default_rng(0))
+    assert start.law == "lqg"
+    assert validation_cost(scene, Learned(start.policy())) < 0.11
+
+
+def test_memory_of_late_sensors_is_reduced_to_what_it_tells(monkeypatch: pytest.MonkeyPatch):
+    # Two channels, four steps late: eight states of sixteen. What is left is four actions.
+    scene = structure("frame").replace(**{"sensors.delay": 4})
+    settings = settings_for("frame", law="lqg")
+    found = []
+    for most in (64, 12):
+        monkeypatch.setattr(starts, "MOST_STATES", most)
+        start = start_of(scene, settings, np.random.default_rng(0))
+        found.append((len(start.keep), validation_cost(scene, Learned(start.policy()))))
+    (every, whole), (few, reduced) = found
+    assert few <= 12 < every
+    assert reduced == pytest.approx(whole, rel=1e-3)
 
 
 BOTH = {
