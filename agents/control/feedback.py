@@ -14,7 +14,7 @@ from agents.control.controller import (
     joined,
     part,
 )
-from agents.control.observed_state import ObservedState
+from agents.control.observed_state import observed_state
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
 
@@ -33,7 +33,7 @@ class Feedback(Controller):
 
     def __init__(self, scene: Scene, law: Law, source: StateSource | None = None) -> None:
         self.law = law
-        self.source = source or ObservedState(scene)
+        self.source = source or observed_state(scene)
         self.name, self.reads = law.name, self.source.reads
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:

@@ -7,7 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
-from agents.control.controller import Info, Memory, Observation, StateSource, chosen
+from agents.control.controller import (
+    Info,
+    Memory,
+    Observation,
+    StateSource,
+    chosen,
+)
 from agents.control.disturbance import covariance, state_scales
 from agents.control.model import Model
 from agents.control.scene import plant_of
@@ -18,6 +24,9 @@ FLOOR = 1e-4
 """Least noise of a channel over its scale [-], so that the equations stay well conditioned."""
 
 STRETCHES = 9  # number of stretches at which the estimator's gain is computed; the nearest is used
+
+
+DELAY = "sensors.delay"
 
 
 class ObservedActuators(StateSource):
@@ -86,20 +95,29 @@ class ObservedState(ObservedActuators):
     of what disturbs the model is measured on simulated episodes. From a late frame the model
     predicts the present. Raise `DesignError` if the channels do not show the state: it is not
     detectable from them.
+
+    Parameters
+    ----------
+    delays
+        Of the sensors [control steps]; by default that of the scene. Of several, each lane may have
+        another one, and the memory says how unlikely its frames were: the sum of the squares of
+        what the model missed, over the covariance that the filter expects of it.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, delays: range | None = None) -> None:
         super().__init__(scene)
-        self.scene, self.delay = scene, plant_of(scene).delay
+        self.scene = scene
+        self.is_weighed, delay = delays is not None, plant_of(scene).delay
+        self.delays = range(delay, delay + 1) if delays is None else delays
         self.shown = [k for k, name in enumerate(self.frame.names) if name in ROWS]
         self.c = np.array([ROWS[self.frame.names[k]] for k in self.shown]).reshape(-1, 4)
         self.unit, noise = self.frame.unit[self.shown], self.frame.noise[self.shown]
         self.noise = np.maximum(noise, FLOOR * self.unit)
         whole = bool(self.shown) and np.linalg.matrix_rank(self.c) == 4  # noqa: PLR2004
-        self.exact = bool(whole and not noise.any())
+        self.exact = bool(whole and not noise.any() and not self.is_weighed)
         self.inverse = np.linalg.pinv(self.c)
         self.gains = self.inverse[None] if self.exact else self._gains()
-        self.model = Model(scene) if self.delay > 0 or not self.exact else None
+        self.model = Model(scene) if self.delays[-1] > 0 or not self.exact else None
 
     def begin(self, lanes: int) -> Memory:
         """Begin before the first frame.
@@ -108,63 +126,71 @@ class ObservedState(ObservedActuators):
         own states at the estimate.
         """
         own = np.zeros((lanes, 0)) if self.model is None else self.model.at_rest(lanes)
-        pending = np.zeros((lanes, self.delay + 1, len(self.begun)))
+        pending = np.zeros((lanes, self.delays[-1] + 1, len(self.begun)))
         begun = {"estimate": np.zeros((lanes, 4)), "own": own, "pending": pending}
+        if self.is_weighed:
+            begun |= {"delay": np.full(lanes, self.delays[0]), "unlikely": np.zeros(lanes)}
         return {**super().begin(lanes), **begun}
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
     ) -> tuple[Array, Array, Memory]:
-        frame, step = self.frame.values(observation), memory["step"]
+        frame, step, delay = self.frame.values(observation), memory["step"], self._delay(memory)
         shown, estimate, own = frame[:, self.shown], memory["estimate"], memory["own"]
-        if (step > self.delay).any():
-            later = step > self.delay
-            followed, moved = self._next(estimate, own, memory["pending"][:, 0], shown)
-            estimate, own = chosen(later, followed, estimate), chosen(later, moved, own)
         if (step == 0).any():
             estimate = chosen(step == 0, shown @ self.inverse.T, estimate)
+        predicted, later = estimate, step > delay
+        pending = memory["pending"]
+        applied = pending[np.arange(len(pending)), self.delays[-1] - delay]
+        nearest = self._nearest(applied)
+        if later.any():
+            moved, moved_own = self._predicted(estimate, own, applied)
+            predicted, own = chosen(later, moved, estimate), chosen(later, moved_own, own)
+            estimate = chosen(later, self._corrected(predicted, shown, nearest), estimate)
         memory = {**self._seen(memory, frame), "estimate": estimate, "own": own}
-        state = self._present(memory, np.minimum(step, self.delay))
-        return state, memory["applied"], memory
+        if self.is_weighed:
+            missed = (shown - predicted @ self.c.T) / self.unit
+            squared = np.einsum("ni,nij,nj->n", missed, self.precisions[nearest], missed)
+            memory["unlikely"] = memory["unlikely"] + squared
+        return self._present(memory, np.minimum(step, delay)), memory["applied"], memory
 
     def note(self, memory: Memory, action: Array) -> Memory:
         memory = super().note(memory, action)
         pending = np.concatenate([memory["pending"][:, 1:], memory["applied"][:, None]], axis=1)
         return {**memory, "pending": pending}
 
-    def _next(
-        self, estimate: Array, own: Array, applied: Array, shown: Array
-    ) -> tuple[Array, Array]:
-        """Return estimate and own states at the frame that has come.
+    def _delay(self, memory: Memory) -> NDArray[np.int64]:
+        """Return the delay of each lane [control steps]."""
+        return memory.get("delay", np.full(len(memory["step"]), self.delays[0]))
 
-        They are read off, or predicted and corrected.
-        """
-        predicted = estimate
-        if self.model is not None and (self.model.own_rows or not self.exact):
-            self.model.begin(estimate, own)
-            predicted = self.model.advance(applied)[0].copy()
-            own = self.model.own
+    def _predicted(self, estimate: Array, own: Array, applied: Array) -> tuple[Array, Array]:
+        """Return the states and own states a step later, as far as a model is asked for them."""
+        if self.model is None or (self.exact and not self.model.own_rows):
+            return estimate, own
+        self.model.begin(estimate, own)
+        return self.model.advance(applied)[0].copy(), self.model.own
+
+    def _corrected(self, predicted: Array, shown: Array, nearest: NDArray[np.intp]) -> Array:
+        """Return the estimate at the frame that has come: read off, or the prediction corrected."""
         if self.exact:
-            return shown @ self.gains[0].T, own
-        gain = self.gains[self._nearest(applied)]
+            return shown @ self.gains[0].T
         missed = shown - predicted @ self.c.T
-        return predicted + np.einsum("nij,nj->ni", gain, missed), own
+        return predicted + np.einsum("nij,nj->ni", self.gains[nearest], missed)
 
     def _present(self, memory: Memory, late: NDArray[np.int64]) -> Array:
         """Return the state now: the newest frame's, moved on by what was applied since.
 
         That are so many steps (lanes,): an episode's first frame is not late.
         """
-        estimate, pending = memory["estimate"], memory["pending"]
-        present = estimate
-        for steps in np.unique(late):
-            if self.model is None or steps == 0:
-                continue
-            self.model.begin(estimate, memory["own"])
-            state = estimate
-            for applied in np.moveaxis(pending[:, len(pending[0]) - steps :], 1, 0):
-                state, _ = self.model.advance(applied)
-            present = chosen(late == steps, state, present)
+        present, pending = memory["estimate"], memory["pending"]
+        if self.model is None or not late.any():
+            return present
+        self.model.begin(present, memory["own"])
+        lanes, first = np.arange(len(late)), pending.shape[1] - late
+        for moved in range(late.max()):
+            applied = pending[lanes, np.minimum(first + moved, pending.shape[1] - 1)]
+            state, _ = self.model.advance(applied)
+            present = chosen(late == moved + 1, state, present)
         return present
 
     @property
@@ -198,6 +224,7 @@ class ObservedState(ObservedActuators):
         noise = np.diag((self.noise / self.unit) ** 2)
         gains: list[Array] = []
         self.spreads: list[Array] = []  # covariances of the estimate at the newest frame
+        precisions: list[Array] = []
         for stretch in self.grid:
             a = plant.discrete(stretch)[0][rows] * units / units[:, None]
             try:
@@ -205,12 +232,14 @@ class ObservedState(ObservedActuators):
             except (np.linalg.LinAlgError, control.ControlArgument, ValueError) as error:
                 msg = f"sensors.channels: the state cannot be estimated from {names}: {error}"
                 raise DesignError(msg) from error
-            gain = p @ c.T @ np.linalg.inv(c @ p @ c.T + noise)
+            precisions.append(np.linalg.inv(c @ p @ c.T + noise))
+            gain = p @ c.T @ precisions[-1]
             whole, spread = np.zeros((4, len(self.unit))), np.zeros((4, 4))
             whole[kept] = gain * units[:, None] / self.unit
             spread[rows] = (np.eye(len(a)) - gain @ c) @ p * np.outer(units, units)
             gains.append(whole)
             self.spreads.append(spread)
+        self.precisions = np.stack(precisions)  # of what is missed of a frame over its units
         return np.stack(gains)
 
     def _coupled(self) -> list[int]:
@@ -220,6 +249,62 @@ class ObservedState(ObservedActuators):
         if free and not scene.actuation.is_between and not self.c[:, [1, 3]].any():
             return [0, 2]
         return [0, 1, 2, 3]
+
+
+class ObservedDelay(StateSource):
+    """Estimate the state where each episode draws the delay of its sensors.
+
+    A lane has an estimate for each delay, and the state is that under which the frames of the
+    episode so far were least unlikely: an action shows in the frames as late as they are. Anderson
+    and Moore, *Optimal Filtering* (1979), chapter 10. Raise `DesignError` as `ObservedState` does.
+
+    Parameters
+    ----------
+    source
+        Of several delays.
+    """
+
+    def __init__(self, source: ObservedState) -> None:
+        self.source, self.count = source, len(source.delays)
+
+    def begin(self, lanes: int) -> Memory:
+        memory = self.source.begin(lanes * self.count)
+        memory["delay"] = np.tile(self.source.delays, lanes)
+        return self._by_lane(memory)
+
+    def read(
+        self, memory: Memory, observation: Observation, info: Info
+    ) -> tuple[Array, Array, Memory]:
+        each = np.repeat(observation, self.count, axis=0)
+        states, applied, after = self.source.read(self._by_estimate(memory), each, info)
+        likeliest = np.argmin(after["unlikely"].reshape(-1, self.count), axis=1)
+        rows = np.arange(len(likeliest)) * self.count + likeliest
+        return states[rows], applied[rows], self._by_lane(after)
+
+    def note(self, memory: Memory, action: Array) -> Memory:
+        each = np.repeat(action, self.count, axis=0)
+        return self._by_lane(self.source.note(self._by_estimate(memory), each))
+
+    def _by_lane(self, memory: Memory) -> Memory:
+        """Return arrays (lanes, delays, ...) of those (lanes * delays, ...) of all estimates."""
+        return {
+            name: array.reshape(len(array) // self.count, self.count, *array.shape[1:])
+            for name, array in memory.items()
+        }
+
+    def _by_estimate(self, memory: Memory) -> Memory:
+        return {
+            name: array.reshape(len(array) * self.count, *array.shape[2:])
+            for name, array in memory.items()
+        }
+
+
+def observed_state(scene: Scene, make: type[ObservedState] = ObservedState) -> StateSource:
+    """Return what estimates the state from the observation, also where its delay is drawn."""
+    if DELAY not in scene.randomization:
+        return make(scene)
+    low, high = scene.randomization[DELAY]
+    return ObservedDelay(make(scene, range(int(low), int(high) + 1)))
 
 
 def missed_covariance(scene: Scene) -> Array:
@@ -238,12 +323,12 @@ def missed_covariance(scene: Scene) -> Array:
         source = ObservedState(scene)
     except DesignError:
         return np.zeros((4, 4))
-    if source.exact and not source.delay:
+    if source.exact and not source.delays[-1]:
         return np.zeros((4, 4))
     middle = len(source.grid) // 2
     spread = np.zeros((4, 4)) if source.exact else source.spreads[middle]
     turn, disturbance = plant_of(scene).discrete(source.grid[middle])[0], covariance(scene)
-    for _ in range(source.delay):
+    for _ in range(source.delays[-1]):
         spread = turn @ spread @ turn.T + disturbance
     return spread + turn @ spread @ turn.T
 

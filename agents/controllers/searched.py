@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 
 from agents.control.controller import Law, StateSource
 from agents.control.feedback import Feedback
-from agents.control.observed_state import ObservedState
+from agents.control.observed_state import observed_state
 from agents.controllers.registry import Tunable
 from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, validation_cost
 from mm_gym import DesignError, Scene
@@ -29,6 +29,9 @@ FINALISTS, FURTHER = 10, 1000
 
 They follow those of the search. The best of all on a hundred episodes is also lucky with them.
 """
+
+CLOSE = 0.3
+"""Spread of a search from found numbers, over that of one from the first numbers of a design."""
 
 REFUSED = 1e6  # cost of a design that cannot be made, above all others
 
@@ -47,7 +50,7 @@ def searched(
     source: StateSource | None = None,
 ) -> Feedback:
     """Return the law of least cost: the best of some values, refined between its neighbours."""
-    source = source or ObservedState(scene)
+    source = source or observed_state(scene)
 
     def controller(value: float) -> Feedback:
         return Feedback(scene, make(float(value)), source)
@@ -76,7 +79,7 @@ def searched_pair(
 
     Then search the second finely.
     """
-    source = ObservedState(scene)
+    source = observed_state(scene)
     coarse = grid(scene, "stretch")[4::4] if first is None else first
     pairs = [(value, 10.0**e) for value in coarse for e in DECADES[::4]]
     best, _ = min(
@@ -86,11 +89,17 @@ def searched_pair(
 
 
 def trials(
-    scene: Scene, tunable: Tunable, count: int, seed: int, known: Sequence[float] = ()
+    scene: Scene,
+    tunable: Tunable,
+    count: int,
+    seed: int,
+    *,
+    start: Mapping[str, float] | None = None,
+    known: Sequence[float] = (),
 ) -> Iterator[tuple[Array, float]]:
     """Search a controller's free numbers by CMA-ES; yield coordinates and cost of each trial.
 
-    The first trial is the design with the first numbers. Hansen and Ostermeier, *Completely
+    The first trial is the design with the numbers to start from. Hansen and Ostermeier, *Completely
     derandomized self-adaptation in evolution strategies*, Evol. Comput. 9 (2001). Raise
     `gymnasium.error.DependencyNotInstalled` without pycma (extra: evolve).
 
@@ -102,16 +111,20 @@ def trials(
         Number of trials, each of the validation episodes.
     seed
         Of the search.
+    start
+        Numbers to start from, by default the design's first ones.
     known
         Costs of the first trials, from an earlier search of the same seed: it goes on from there.
     """
     first = np.zeros(len(tunable.free(scene)))
-    strategy = cma_strategy(first, 1.0, np.random.default_rng(seed))
+    strategy = cma_strategy(first, 1.0 if start is None else CLOSE, np.random.default_rng(seed))
     costs = iter(known)
 
     def cost(coordinates: Array) -> float:
         found = next(costs, None)
-        return _cost_of(scene, tunable, tunable.at(scene, coordinates)) if found is None else found
+        if found is not None:
+            return found
+        return _cost_of(scene, tunable, tunable.at(scene, coordinates, start))
 
     yield first, cost(first)
     done = 1

@@ -5,7 +5,7 @@ import numpy as np
 from agents.control.controller import Acted, Info, Memory, Observation
 from agents.control.feedback import Feedback
 from agents.control.model import Model
-from agents.control.observed_state import ObservedState
+from agents.control.observed_state import ObservedState, observed_state
 from agents.control.scene import plant_of
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Entry, without_weight
@@ -24,21 +24,21 @@ class SmithPredictor(ObservedState):
     (1957).
     """
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
+    def __init__(self, scene: Scene, delays: range | None = None) -> None:
+        super().__init__(scene, delays)
         self.plant = Model(scene)
 
     def begin(self, lanes: int) -> Memory:
-        moved = np.zeros((lanes, self.delay + 1, 4))
+        moved = np.zeros((lanes, self.delays[-1] + 1, 4))
         return {**super().begin(lanes), "moved": moved, "model": self.plant.at_rest(lanes)}
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
     ) -> tuple[Array, Array, Memory]:
-        late = np.minimum(memory["step"], self.delay)
+        late = np.minimum(memory["step"], self._delay(memory))
         _, applied, memory = super().read(memory, observation, info)
         moved = memory["moved"]
-        then = moved[np.arange(len(moved)), self.delay - late]
+        then = moved[np.arange(len(moved)), self.delays[-1] - late]
         return moved[:, -1] + memory["estimate"] - then, applied, memory
 
     def note(self, memory: Memory, action: Array) -> Memory:
@@ -64,7 +64,7 @@ class ScaledLQR(LQR):
 
 def best_smith_predicted_lqr(scene: Scene) -> Feedback:
     """Search the factor of the gains over four decades."""
-    source = SmithPredictor(scene)
+    source = observed_state(scene, SmithPredictor)
     return searched(scene, lambda e: ScaledLQR(scene, 10.0**e), DECADES, source=source)
 
 

@@ -70,7 +70,7 @@ def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool)
 def base_controller(scene: Scene, base: str) -> Controller:
     """Return the controller that an agent is added to, tuned on the validation episodes.
 
-    A law of a user's file is fed the state that `ObservedState` estimates from the observation.
+    A law of a user's file is fed the state that `observed_state` estimates from the observation.
     Raise `SceneError` if the base cannot be made, or does not suit the scene.
     """
     if is_path(base):

@@ -7,12 +7,12 @@ from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH, 
 from agents.control.actuators import Actuators
 from agents.control.feedback import Feedback, TrueState
 from agents.control.model import Innovation, Model
-from agents.control.observed_state import ObservedState
+from agents.control.observed_state import ObservedDelay, ObservedState, observed_state
 from agents.controllers.constant import no_control
 from agents.controllers.lqr import LQR
 from agents.controllers.predictive_control import PredictiveControl, Search
 from agents.scoring import evaluate
-from mm_gym import DesignError, MovingMassVectorEnv, Scene
+from mm_gym import DesignError, MovingMassVectorEnv, Scene, load_scene
 
 LAGGING = HYBRID.replace(
     **{
@@ -183,3 +183,56 @@ def test_late_and_noisy_observation_costs_something() -> None:
     ]
     nothing = evaluate(scene, Feedback(scene, no_control(scene)), episodes=50).cost
     assert costs[0] < costs[1] < nothing
+
+
+DRAWN = load_scene("mm_gym/CarriageForceFrictionRobust-v0")
+
+
+def test_drawn_delay_is_found_from_the_frames() -> None:
+    lanes, steps = 120, 12
+    env = MovingMassVectorEnv(DRAWN, lanes)
+    observation, _ = env.reset(seed=3)
+    drawn = env.unwrapped.get_state()["values"][env.unwrapped.plant.support.names["sensors.delay"]]
+    source = observed_state(DRAWN)
+    memory = source.begin(lanes)
+    generator = np.random.default_rng(4)
+    for _ in range(steps):
+        action = generator.uniform(-1, 1, env.action_space.shape)
+        memory = source.note(source.read(memory, observation, {})[2], action)
+        observation, *_ = env.step(action)
+    likeliest = np.argmin(memory["unlikely"], axis=1)
+    # A rig's own mass and lag make another delay likelier in a few episodes.
+    assert set(drawn) == {0.0, 1.0, 2.0}
+    assert np.mean(likeliest == drawn) > 0.95
+
+
+def test_estimates_of_a_drawn_delay_are_those_of_each_delay() -> None:
+    lanes, sources = 6, []
+    for delay in range(3):
+        known = {k: v for k, v in DRAWN.randomization.items() if k != "sensors.delay"}
+        scene = DRAWN.replace(randomization=known, **{"sensors.delay": delay})
+        sources.append(ObservedState(scene, range(delay, delay + 1)))
+    drawn = observed_state(DRAWN)
+    env = MovingMassVectorEnv(DRAWN, lanes)
+    observation, _ = env.reset(seed=5)
+    memories, memory = [source.begin(lanes) for source in sources], drawn.begin(lanes)
+    for action in np.random.default_rng(6).uniform(-1, 1, (8, *env.action_space.shape)):
+        _, _, memory = drawn.read(memory, observation, {})
+        memory = drawn.note(memory, action)
+        for k, source in enumerate(sources):
+            _, _, own = source.read(memories[k], observation, {})
+            memories[k] = source.note(own, action)
+            for name in ("estimate", "unlikely", "applied"):
+                np.testing.assert_array_equal(memory[name][:, k], memories[k][name])
+        observation, *_ = env.step(action)
+
+
+def test_finding_the_delay_is_better_than_its_middle() -> None:
+    scene = load_scene("mm_gym/CarriageForceRobust-v0")
+    law = LQR(scene)
+    middle, found = (
+        evaluate(scene, Feedback(scene, law, source), seed=0, episodes=60).cost
+        for source in (ObservedState(scene), observed_state(scene))
+    )
+    assert isinstance(observed_state(scene), ObservedDelay)
+    assert found < 0.9 * middle

@@ -11,7 +11,7 @@ from agents.control.observed_state import ObservedState
 from agents.control.scene import drawn_but
 from agents.control.trajectories import Trajectories
 from agents.controllers.learned import Learned
-from agents.evaluation.rigs import read_robustness, rigs_of, scores_of, task_of
+from agents.evaluation.rigs import DELAYS, read_robustness, rigs_of, scores_of, task_of
 from agents.evaluation.studies import variants
 from agents.evolution.search import EvolveSettings
 from agents.report.published import published_agents, read_published
@@ -32,7 +32,7 @@ def test_a_controller_is_told_the_middle_of_what_is_drawn():
     scene = load_scene(VARIANT)
     actuators, source = Actuators(scene), ObservedState(scene)
     assert actuators.lag_factor == pytest.approx(-np.expm1(-0.01 / 0.005))
-    assert source.delay == 1
+    assert source.delays == range(1, 2)
     assert source.noise == pytest.approx(
         [scene.sensors.noise[name] for name in scene.sensors.channels]
     )
@@ -49,10 +49,11 @@ def test_rows_are_of_the_rigs_and_of_the_task_with_each_delay():
     # Without control the delay changes nothing.
     assert zero["late 0"] == zero["late 2"]
     # The Kalman filter that is told one step of delay does best with it.
-    lqg = next(row for row in rows if row["controller"] == "LQG")
+    lqg, lqr = (next(row for row in rows if row["controller"] == name) for name in ("LQG", "LQR"))
     assert lqg["late 1"] < min(lqg["late 0"], lqg["late 2"])
-    others = [row for row in rows if not row["controller"].startswith("LQG")]
-    assert lqg["rigs"] < min(row["rigs"] for row in others)
+    # What finds the delay loses little by it.
+    assert lqr["rigs"] < min(row["rigs"] for row in rows if row is not lqr)
+    assert max(lqr[f"late {n}"] for n in DELAYS) < 1.1 * lqr["late 0"]
 
 
 def test_rows_of_controllers_stay_and_those_of_agents_are_made_anew():
