@@ -6,10 +6,14 @@ tenth of them on 1,000 further ones, which decide; no other episode is used. The
 to ``configs/controllers.json``, from which all commands take them; those of other scenes and
 controllers in it are kept. After a kill or Ctrl-C the same command continues, from
 ``runs/controllers``.
+
+A search for a robust variant begins with the numbers of its task: ``python -m agents
+tune-controllers PreStretchRobust --start PreStretch``.
 """
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -39,6 +43,8 @@ class Arguments:
     """names as inertial-drive; by default all that have free numbers and apply to the scene"""
     trials: int = 1000
     """designs that are tried of each controller and scene"""
+    start: str | None = None
+    """task whose numbers a search begins with, in place of the first ones of a design"""
     seed: int = 0
     """seed of the search"""
     out: Annotated[Path, tyro.conf.arg(help_behavior_hint=f"(default: configs/{NUMBERS.name})")] = (
@@ -56,16 +62,25 @@ def tunables(scene: Scene) -> dict[str, Tunable]:
     }
 
 
-def tune(scene: Scene, tunable: Tunable, count: int, seed: int, file: Path) -> dict[str, Any]:
+def tune(
+    scene: Scene,
+    tunable: Tunable,
+    count: int,
+    seed: int,
+    file: Path,
+    *,
+    start: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
     """Return what a search finds, as of `agents.controllers.registry.Found`; go on from a file."""
     head = {"scene_digest": scene.digest, "controller": tunable.name, "seed": seed}
+    head |= {} if start is None else {"start": dict(start)}
     known = _costs_so_far(file, head)[:count]
     costs: list[float] = []
     numbers: list[dict[str, float]] = []
     try:
-        for coordinates, cost in trials(scene, tunable, count, seed, known):
+        for coordinates, cost in trials(scene, tunable, count, seed, start=start, known=known):
             costs.append(cost)
-            numbers.append(written(tunable.at(scene, coordinates)))
+            numbers.append(written(tunable.at(scene, coordinates, start)))
             if len(costs) % EVERY == 0 and len(costs) > len(known):
                 _keep(file, head, costs)
     except KeyboardInterrupt:
@@ -128,6 +143,7 @@ def main(arguments: Arguments) -> None:
     if os.path.lexists(out):
         read_found(out)  # what is wrong with it is told before the search
     scenes = {task: load_scene(task) for task in map(task_or_scene, arguments.tasks or ids())}
+    begun = None if arguments.start is None else load_scene(task_or_scene(arguments.start))
     applicable = {task: tunables(scene) for task, scene in scenes.items()}
     every = sorted({name for names in applicable.values() for name in names})
     for name in arguments.controllers:
@@ -146,8 +162,9 @@ def main(arguments: Arguments) -> None:
             except DesignError as error:
                 print(f"{task}: {name}: not tuned: {error}")
                 continue
+            start = None if begun is None else tunable.numbers(begun)
             file = RUNS / f"{scene.digest[:16]}-{name}-{arguments.seed}.json"
-            found = tune(scene, tunable, arguments.trials, arguments.seed, file)
+            found = tune(scene, tunable, arguments.trials, arguments.seed, file, start=start)
             known = _with(out, str(task), scene, name, found)
             write_text(out, json.dumps(known, indent=1) + "\n")
             file.unlink(missing_ok=True)

@@ -148,10 +148,12 @@ class Tunable:
         """Return the controller with the numbers that it is designed with before any search."""
         return self.design(scene, {name: one.first for name, one in self.free(scene).items()})
 
-    def at(self, scene: Scene, coordinates: Sequence[float]) -> dict[str, float]:
-        """Return the numbers at coordinates of a search."""
-        pairs = zip(self.free(scene).items(), coordinates, strict=True)
-        return {name: float(one.value(float(coordinate))) for (name, one), coordinate in pairs}
+    def at(
+        self, scene: Scene, coordinates: Sequence[float], start: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Return the numbers at coordinates of a search, by default one from the first numbers."""
+        pairs, begun = zip(self.free(scene).items(), coordinates, strict=True), start or {}
+        return {name: float(one.value(float(at), begun.get(name))) for (name, one), at in pairs}
 
     def best(self, scene: Scene) -> Controller:
         """Return the controller with its best numbers."""

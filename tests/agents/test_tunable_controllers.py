@@ -35,13 +35,12 @@ def test_tuned_numbers_cost_what_their_search_found(scene, tunable, found):
     assert found.first_cost is None or found.cost <= found.first_cost
 
 
-def test_tuned_numbers_are_of_the_tasks_as_they_are():
-    assert {task: TASKS[task].digest for task in FOUND} == {
-        task: of_task.scene_digest for task, of_task in FOUND.items()
-    }
+def test_tuned_numbers_are_of_the_scenes_as_they_are():
     for task, of_task in FOUND.items():
+        scene = load_scene(task)
+        assert of_task.scene_digest == scene.digest
         for name, found in of_task.controllers.items():
-            assert set(found.numbers) == set(BY_NAME[name].free(TASKS[task]))
+            assert set(found.numbers) == set(BY_NAME[name].free(scene))
 
 
 @pytest.mark.parametrize(("scene", "tunable", "_"), CASES)
@@ -167,7 +166,7 @@ def test_search_goes_on_where_it_was_interrupted(quick):
     whole = list(trials(CARRIAGE_FORCE, tunable, 90, 1))
     scored.clear()
     known = [cost for _, cost in whole[:50]]
-    again = list(trials(CARRIAGE_FORCE, tunable, 90, 1, known))
+    again = list(trials(CARRIAGE_FORCE, tunable, 90, 1, known=known))
     assert len(scored) == 40
     np.testing.assert_array_equal([x for x, _ in whole], [x for x, _ in again])
 
@@ -202,6 +201,20 @@ def test_command_writes_numbers_that_it_goes_on_to_after_an_interruption(
     whole, parts = (json.loads(Path(f"{n}.json").read_text()) for n in ("whole", "parts"))
     assert whole == parts
     assert list(Path("runs").rglob("*.json")) == []
+
+
+def test_command_starts_from_the_numbers_of_another_task(quick, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    tunable, scored = quick
+    start = {"a": 2.5, "b": 2.0}
+    monkeypatch.setattr(Tunable, "numbers", lambda *_: start)
+    words = ["CarriageForceRobust", "--trials", "60", "--out", "found.json"]
+    assert call(monkeypatch, *words, "--start", "CarriageForce") is None
+    (found,) = json.loads(Path("found.json").read_text()).values()
+    assert scored[0] == start
+    assert found["controllers"]["bowl"]["first_cost"] == pytest.approx(0.4442, abs=1e-4)
+    assert found["controllers"]["bowl"]["cost"] < 0.11
+    assert tunable.at(CARRIAGE_FORCE, [0.0, 0.0]) == {"a": 0.0, "b": 1.0}
 
 
 @pytest.mark.usefixtures("quick")
