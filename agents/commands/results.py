@@ -2,7 +2,8 @@
 
 For example ``python -m agents results configs/results.toml``. The file is that of a sweep, see
 ``python -m agents sweep``. The costs of finished trainings are put into ``docs/results.json``, and
-the page is written from these data alone; ``--no-train`` writes it without training. A training
+the page is written from these data alone; ``--no-train`` writes it without training. Agents of a
+task are also scored on its robust variant, with an observer. A training
 that these data or ``runs/`` have is not repeated; ``python -m agents sweep`` repeats those that
 only the data have. The policy of the median seed of every row is published with the page:
 ``python -m agents evaluate --published`` scores these policies again. Robust variants are on the
@@ -27,6 +28,7 @@ from agents.sweeps.results import (
     read_results,
     save,
     training_of,
+    with_observed,
     with_references,
 )
 from agents.sweeps.trials import SweepSettings, result_file
@@ -70,7 +72,7 @@ def write(settings: ResultsSettings, trials: Sequence[RunSettings], known: Resul
     rows = [training_of(trial, folder) for trial in done]
     if not rows and not known.trainings:
         return f"error: {folder}: no finished training here, and none in {data}"
-    known = with_references(merged(known, rows))
+    known = with_observed(with_references(merged(known, rows)), done, folder)
     save(known, data)
     policies, told = out.with_name(published.FOLDER.name), out.with_name(published.PAGE.name)
     found = published.publish(cells_of(known.trainings), done, folder, policies)

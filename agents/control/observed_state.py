@@ -7,13 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
-from agents.control.controller import (
-    Info,
-    Memory,
-    Observation,
-    StateSource,
-    chosen,
-)
+from agents.control.controller import Info, Memory, Observation, StateSource, chosen
 from agents.control.disturbance import covariance, state_scales
 from agents.control.model import Model
 from agents.control.scene import plant_of
@@ -25,8 +19,10 @@ FLOOR = 1e-4
 
 STRETCHES = 9  # number of stretches at which the estimator's gain is computed; the nearest is used
 
-
 DELAY = "sensors.delay"
+
+ACTUATED = {"applied_force": "force"}
+"""Channels that show an actuator, and have another name."""
 
 
 class ObservedActuators(StateSource):
@@ -159,6 +155,10 @@ class ObservedState(ObservedActuators):
         pending = np.concatenate([memory["pending"][:, 1:], memory["applied"][:, None]], axis=1)
         return {**memory, "pending": pending}
 
+    def observed(self, state: Array) -> tuple[list[int], Array]:
+        """Return the channels that show the motion, and what they show of states (lanes, 4)."""
+        return self.shown, state @ self.c.T / self.unit
+
     def _delay(self, memory: Memory) -> NDArray[np.int64]:
         """Return the delay of each lane [control steps]."""
         return memory.get("delay", np.full(len(memory["step"]), self.delays[0]))
@@ -277,13 +277,18 @@ class ObservedDelay(StateSource):
     ) -> tuple[Array, Array, Memory]:
         each = np.repeat(observation, self.count, axis=0)
         states, applied, after = self.source.read(self._by_estimate(memory), each, info)
-        likeliest = np.argmin(after["unlikely"].reshape(-1, self.count), axis=1)
+        unlikely = np.nan_to_num(after["unlikely"], nan=np.inf)  # a model may have grown too far
+        likeliest = np.argmin(unlikely.reshape(-1, self.count), axis=1)
         rows = np.arange(len(likeliest)) * self.count + likeliest
         return states[rows], applied[rows], self._by_lane(after)
 
     def note(self, memory: Memory, action: Array) -> Memory:
         each = np.repeat(action, self.count, axis=0)
         return self._by_lane(self.source.note(self._by_estimate(memory), each))
+
+    def observed(self, state: Array) -> tuple[list[int], Array]:
+        """Return what an observation shows, as `ObservedState` does."""
+        return self.source.observed(state)
 
     def _by_lane(self, memory: Memory) -> Memory:
         """Return arrays (lanes, delays, ...) of those (lanes * delays, ...) of all estimates."""
@@ -299,7 +304,9 @@ class ObservedDelay(StateSource):
         }
 
 
-def observed_state(scene: Scene, make: type[ObservedState] = ObservedState) -> StateSource:
+def observed_state(
+    scene: Scene, make: type[ObservedState] = ObservedState
+) -> ObservedState | ObservedDelay:
     """Return what estimates the state from the observation, also where its delay is drawn."""
     if DELAY not in scene.randomization:
         return make(scene)

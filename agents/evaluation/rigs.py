@@ -23,12 +23,13 @@ from agents.controllers.tuned import (
     further_laws,
     makers,
 )
+from agents.controllers.with_observer import WithObserver
 from agents.evaluation.headroom import interval
 from agents.evaluation.scores import SCORES
 from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate, tail_mean, written
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
 from mm_gym.files import read_text
-from mm_gym.tasks import short_name
+from mm_gym.tasks import robust_ids, short_name
 
 Row = dict[str, Any]
 
@@ -37,6 +38,7 @@ FILE = SCORES.with_name("robustness_scores.json")
 EPISODES = 200
 DELAYS = (0, 1, 2)  # control steps by which the sensors of the task itself are late
 WORST = 0.1  # share of the episodes that cost most
+OBSERVED = "with observer"  # role of a specialist that an observer shows the present
 
 
 def read_robustness() -> dict[str, Any]:
@@ -47,6 +49,11 @@ def read_robustness() -> dict[str, Any]:
 def task_of(variant: str) -> str:
     """Return the id of the task that a variant is of."""
     return f"mm_gym/{short_name(variant).removesuffix('Robust')}-v0"
+
+
+def variant_of(task: str) -> str | None:
+    """Return the id of a task's variant, or None for what has none."""
+    return next((variant for variant in robust_ids() if task_of(variant) == task), None)
 
 
 def rigs_of(variant: str) -> dict[str, Scene]:
@@ -71,14 +78,16 @@ def scores_of(
 ) -> list[Row]:
     """Return a row for each controller of a variant, and for each agent.
 
-    Agents are given by the id of the task or variant that they were trained on. Rows of controllers
-    that are known are not made again.
+    Agents are given by the id of the task or variant that they were trained on; those of the task
+    have another row with an observer. Rows of controllers that are known are not made again.
     """
     scenes = rigs_of(variant)
     trained = {"specialist": task_of(variant), "over the rigs": variant}
-    rows = [row for row in known or () if row["role"] not in trained]
+    rows = [row for row in known or () if row["role"] not in (*trained, OBSERVED)]
     new: list[tuple[str, Controller]] = [] if rows else controllers_of(scenes["rigs"])
     new += [(role, one) for role, task in trained.items() for one in agents.get(task, ())]
+    specialists = agents.get(task_of(variant), ())
+    new += [(OBSERVED, WithObserver(scenes["rigs"], one)) for one in specialists]
     return rows + [_row(role, one, scenes) for role, one in new]
 
 

@@ -3,16 +3,15 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from inspect import signature
-from itertools import groupby
 from math import isnan, nan
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from agents.control.trajectories import ends_of
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.headroom import CLASSICAL, LEARNED, least_cost
-from agents.evaluation.rigs import DELAYS, task_of
+from agents.evaluation.rigs import DELAYS, OBSERVED, task_of
 from agents.evaluation.rigs import EPISODES as OF_RIGS
 from agents.evaluation.scores import SCORES
 from agents.evaluation.sealed import EPISODES as SEALED_EPISODES
@@ -219,10 +218,12 @@ def robustness_page(scores: Mapping[str, Any], results: Results) -> str:
     """Return the page of rigs that differ: of ``docs/robustness_scores.json``, and trainings."""
     compared = {name: _compared(scores[name]["rows"]) for name in scores}
     references = {one.task: one for one in results.controllers}
+    observed = cells_of(results.observed)
+    of_variants = [*cells_of(results.trainings), *observed]
     cells = {
-        variant: best_of(list(own))
-        for variant, own in groupby(cells_of(results.trainings), key=attrgetter("task"))
-        if variant in scores
+        variant: best_of(every)
+        for variant in scores
+        if (every := [one for one in of_variants if one.task == variant])
     }
     ratios = {short_name(name): one.cost(references[name]) for name, one in cells.items()}
     return render(
@@ -239,7 +240,9 @@ def robustness_page(scores: Mapping[str, Any], results: Results) -> str:
         not_better=[short_name(name) for name, rows in compared.items() if not _agent_wins(rows)],
         trained=[
             [
-                *(f"`{short_name(name)}`", cell.algorithm, str(len(cell.trainings))),
+                f"`{short_name(name)}`",
+                cell.algorithm + (f", {OBSERVED}" if cell in observed else ""),
+                str(len(cell.trainings)),
                 *(span(cell.cost()), references[name].controller),
                 *(printed(references[name].cost), span(ratios[short_name(name)], 3)),
             ]
@@ -251,16 +254,17 @@ def robustness_page(scores: Mapping[str, Any], results: Results) -> str:
 
 
 def _compared(rows: Sequence[Row]) -> list[Row | None]:
-    """Return the best controller, the best specialist and the best agent over the rigs."""
-    wanted = {"controller": "rigs", "specialist": "late 0", "over the rigs": "rigs"}
+    """Return the best controller, the best specialist and the best agent for the rigs."""
+    wanted = [(("controller",), "rigs"), (("specialist",), "late 0")]
+    wanted.append((("over the rigs", OBSERVED), "rigs"))
     return [
-        min((row for row in rows if row["role"] == role), key=itemgetter(where), default=None)
-        for role, where in wanted.items()
+        min((row for row in rows if row["role"] in roles), key=itemgetter(where), default=None)
+        for roles, where in wanted
     ]
 
 
 def _agent_wins(compared: Sequence[Row | None]) -> bool:
-    """Tell whether the agent over the rigs costs less there than the best controller."""
+    """Tell whether the agent for the rigs costs less there than the best controller."""
     controller, _, agent = compared
     return controller is not None and agent is not None and agent["rigs"] < controller["rigs"]
 

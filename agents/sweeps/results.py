@@ -17,13 +17,15 @@ from pydantic import BaseModel, Field, model_validator
 from agents.control.controller import Controller
 from agents.controllers.registry import entries
 from agents.controllers.tuned import designed
+from agents.controllers.with_observer import WithObserver
 from agents.evaluation.aggregates import Estimate, interquartile_mean, proportion, shared_episodes
 from agents.evaluation.headroom import CLASSICAL
-from agents.evaluation.rigs import read_robustness
+from agents.evaluation.rigs import read_robustness, task_of, variant_of
 from agents.evaluation.scores import SCORES, Cost, read_scores
 from agents.scoring import evaluate, validation_cost
 from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of, read_score
 from agents.training.config import RunSettings
+from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, RunError, read_checked
 from mm_gym import Scene, load_scene
 from mm_gym.arrays import Array
@@ -110,6 +112,8 @@ class Results(BaseModel, strict=True, extra="forbid"):
     controllers: list[Reference]
     earlier: list[Earlier]
     trainings: list[Training]
+    # Those on tasks, scored on the task's variant with an observer; each is a row of the variant.
+    observed: list[Training] = []
 
 
 NOTHING = Results(controllers=[], earlier=[], trainings=[])
@@ -251,6 +255,48 @@ def training_of(trial: RunSettings, folder: Path) -> Training:
         steps=int(steps[-1]),
         validation=_short(costs),
         seconds=_short(seconds),
+    )
+
+
+def with_observed(results: Results, trials: Iterable[RunSettings], folder: Path) -> Results:
+    """Return results with finished trainings on tasks scored on rigs, each with an observer.
+
+    What was scored is not scored again. What no training is left of goes.
+    """
+    kept = {_key(one): one for one in results.observed}
+    here = {(one.task, algorithm_of(one), one.seed): Run(one.name, folder) for one in trials}
+    found: list[Training] = []
+    for one in results.trainings:
+        variant = variant_of(one.task)
+        if variant is None:
+            continue
+        scene, run = load_scene(variant), here.get((one.task, one.algorithm, one.seed))
+        placed = one.model_copy(update={"task": variant, "scene_digest": scene.digest})
+        if _key(placed) in kept:
+            found.append(kept[_key(placed)])
+        elif run is not None:
+            found.append(_observed(placed, scene, run))
+    return results.model_copy(update={"observed": found})
+
+
+def _key(one: Training) -> tuple[object, ...]:
+    return one.task, one.scene_digest, one.algorithm, one.seed, one.settings, one.commit
+
+
+def _observed(placed: Training, scene: Scene, run: Run) -> Training:
+    """Return the row of a run's agent on another scene, with an observer."""
+    record = run.read()
+    parts = recorded_parts(load_scene(task_of(placed.task)), record["settings"], trust=True)
+    agent = WithObserver(scene, agent_of(run, parts))
+    result = evaluate(scene, agent, episodes=EPISODES)
+    return placed.model_copy(
+        update={
+            "injected": None if result.injected is None else float(result.injected.mean()),
+            "episodes": _short(result.episode_costs),
+            "cost": result.cost,
+            "validation": _short([validation_cost(scene, agent)]),
+            "seconds": placed.seconds[-1:],
+        }
     )
 
 

@@ -11,16 +11,20 @@ from agents.scoring import evaluate
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "controllers.md").read_text("utf-8")
-PROGRAM, OWN = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
-(PRINTED,) = re.findall(r"^```text\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+PROGRAM, OBSERVER, OWN = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+PRINTED = re.findall(r"^```text\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
 
-def test_the_program_prints_what_the_page_says(capsys) -> None:
-    exec(compile(PROGRAM, "docs/controllers.md", "exec"), {})  # noqa: S102 - our own page
+@pytest.mark.parametrize(
+    ("program", "printed"), list(zip((PROGRAM, OBSERVER), PRINTED, strict=True))
+)
+def test_programs_print_what_the_page_says(program, printed, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(ROOT)
+    exec(compile(program, "docs/controllers.md", "exec"), {})  # noqa: S102 - our own page
     told = capsys.readouterr().out
-    assert told == PRINTED
-    seen, known = (float(line.rpartition(" ")[2]) for line in told.splitlines())
-    assert known < seen, "nothing is learned from two equal costs"
+    assert told == printed
+    first, second = (float(line.rpartition(" ")[2]) for line in told.splitlines())
+    assert second < first, "nothing is learned from two equal costs"
 
 
 def test_every_law_of_the_page_exists() -> None:

@@ -10,14 +10,18 @@ from trainings import TASK, controller, training
 
 from agents.commands import results as command
 from agents.control.feedback import Feedback
+from agents.controllers.learned import Learned
 from agents.controllers.lqr import LQR
+from agents.controllers.with_observer import WithObserver
 from agents.evaluation.aggregates import proportion
 from agents.evaluation.headroom import CLASSICAL
-from agents.evaluation.rigs import read_robustness
+from agents.evaluation.rigs import read_robustness, variant_of
 from agents.evaluation.scores import read_scores
+from agents.policies import load_policy
 from agents.report.published import page as published_page
 from agents.report.published import read_published, scored_again
 from agents.report.results_page import page
+from agents.scoring import evaluate
 from agents.sweeps.results import (
     FILE,
     Cell,
@@ -29,8 +33,9 @@ from agents.sweeps.results import (
     read_results,
     save,
 )
+from agents.sweeps.trials import EPISODES
 from agents.training.config import CONFIGS, read_settings
-from mm_gym import SceneError
+from mm_gym import SceneError, load_scene
 from mm_gym.tasks import ids
 
 COMMITTED = read_results()
@@ -111,6 +116,11 @@ class TestFile:
         trials = read_settings(CONFIGS / "results.toml", command.ResultsSettings).trials()
         of_tasks = [one for one in COMMITTED.trainings if one.task in ids()]
         assert len(known_names(COMMITTED, trials)) == len(of_tasks), "they would be trained again"
+
+    def test_trainings_on_tasks_are_also_on_rigs(self):
+        own = [(variant_of(one.task), one.algorithm, one.seed) for one in COMMITTED.trainings]
+        found = [(one.task, one.algorithm, one.seed) for one in COMMITTED.observed]
+        assert found == [key for key in own if key[0]]
 
     def test_file_is_written_as_it_is_read(self, tmp_path):
         save(COMMITTED, tmp_path / "results.json")
@@ -261,11 +271,19 @@ class TestCommand:
             record, read_results(tmp_path / "page.json")
         )
 
+        variant = variant_of(TASK)
+        rigs, observed = load_scene(variant), read_results(tmp_path / "page.json").observed
+        assert [(one.task, one.seed) for one in observed] == [(variant, 0), (variant, 1)]
+        for one, file in zip(observed, files, strict=True):
+            agent = WithObserver(rigs, Learned(load_policy(file.with_name("policy.safetensors"))))
+            assert one.cost == evaluate(rigs, agent, episodes=EPISODES).cost
+
         def refuse(work, *_):
             assert not work, "trained again"
 
         with monkeypatch.context() as patched:
             patched.setattr("agents.commands.sweep.work_here", refuse)
+            patched.setattr("agents.sweeps.results._observed", None)  # nor scored again
             assert call("--no-train") is None
             assert (tmp_path / "page.md").read_text() == text
             (tmp_path / "runs").rename(tmp_path / "elsewhere")
