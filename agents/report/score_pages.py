@@ -17,7 +17,7 @@ from agents.evaluation.scores import SCORES
 from agents.evaluation.sealed import EPISODES as SEALED_EPISODES
 from agents.evaluation.sealed import first_seed
 from agents.report.pages import printed, render, span
-from agents.sweeps.results import Results, best_of, cells_of
+from agents.sweeps.results import Results, cells_of
 from agents.sweeps.trials import EPISODES as PENALTIES
 from mm_gym import Scene, compile_scene, load_scene, over_rigs
 from mm_gym.files import read_text
@@ -221,7 +221,7 @@ def robustness_page(scores: Mapping[str, Any], results: Results) -> str:
     observed = cells_of(results.observed)
     of_variants = [*cells_of(results.trainings), *observed]
     cells = {
-        variant: best_of(every)
+        variant: min(every, key=lambda cell: cell.validation)
         for variant in scores
         if (every := [one for one in of_variants if one.task == variant])
     }

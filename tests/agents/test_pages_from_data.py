@@ -33,7 +33,7 @@ NO_RESULT = {
     "evaluate docs/policies/PreStretch": "a command",
     "no published agent costs less over the rigs": "precedes a list from data",
     "by less than the interval": "precedes a list from data",
-    "On each variant an agent trained over the rigs": "a sentence that costs choose",
+    "On each variant an agent for the rigs": "a sentence that costs choose",
 }
 """Part of a sentence -> why it is no result."""
 
