@@ -14,6 +14,7 @@ from agents.controllers.registry import Free, Tunable, every_entry, laws, obstac
 from agents.controllers.searched import FINALISTS, trials
 from agents.scoring import VALIDATION_SEED, evaluate
 from mm_gym import MovingMassVectorEnv, SceneError, load_scene
+from mm_gym.tasks import robust_ids
 
 DUFFING = TASKS["mm_gym/CarriageForceDuffing-v0"]
 NOISE = TASKS["mm_gym/PreStretchNoise-v0"]
@@ -41,6 +42,14 @@ def test_tuned_numbers_are_of_the_scenes_as_they_are():
         assert of_task.scene_digest == scene.digest
         for name, found in of_task.controllers.items():
             assert set(found.numbers) == set(BY_NAME[name].free(scene))
+
+
+@pytest.mark.parametrize("variant", robust_ids())
+def test_controllers_of_a_variant_are_tuned_there(variant):
+    found = FOUND[variant].controllers if variant in FOUND else {}
+    assert set(found) == set(tunables(load_scene(variant))), (
+        f"python -m agents tune-controllers {variant} --start TASK --trials 200"
+    )
 
 
 @pytest.mark.parametrize(("scene", "tunable", "_"), CASES)
