@@ -136,8 +136,7 @@ class ObservedState(ObservedActuators):
         if (step == 0).any():
             estimate = chosen(step == 0, shown @ self.inverse.T, estimate)
         predicted, later = estimate, step > delay
-        pending = memory["pending"]
-        applied = pending[np.arange(len(pending)), self.delays[-1] - delay]
+        applied = memory["pending"][np.arange(len(step)), self.delays[-1] - delay]
         nearest = self._nearest(applied)
         if later.any():
             moved, moved_own = self._predicted(estimate, own, applied)
