@@ -54,6 +54,9 @@ class Trajectory(NamedTuple):
     # given.
     controls: Array
     actions: Array
+    # (5, k, lanes): the least and the most that is applied [N, -], what is kept of it [-], what a
+    # control adds [N, -], and the share of the way to its limits that it goes at most [-].
+    reach: Array
     cost: Array  # (lanes,) sum of -reward [-], and the cost of what is near or beyond a limit
 
     def take_better(self, other: "Trajectory") -> NDArray[np.bool_]:
@@ -118,17 +121,17 @@ class Trajectories:
         self.actuators, self._motion = first.actuators, len(first.state_rows)
         for actuator in self.actuators:
             _require_plannable(actuator, objective.effort_weight)
-        low, high, rate, share = np.array(
-            [(a.low, a.high, a.rate, a.lag_factor) for a in self.actuators]
-        ).T
+        columns, values = (len(self.actuators), self.count), start["values"]
+        low, high, rate, share = np.empty((4, *columns))
+        for j, a in enumerate(self.actuators):
+            low[j], high[j], (rate[j], share[j]) = a.low, a.high, a.reach(values)
         at_once = ~np.isfinite(rate)
-        self.middle, self.half = 0.5 * (high + low), 0.5 * (high - low)
+        self.middle, self.half = 0.5 * (high + low)[:, :1], 0.5 * (high - low)[:, :1]
         kept, step = np.where(at_once, 1.0 - share, 1.0), np.where(at_once, share * self.half, rate)
-        self._by_change = ~at_once & np.array([not a.is_rate for a in self.actuators])
+        self._by_change = ~at_once & np.array([[not a.is_rate] for a in self.actuators])
         # What follows a value has no bounds but those of its control.
         low, high = np.where(at_once, -np.inf, low), np.where(at_once, np.inf, high)
-        self._limits = np.stack([low, high, kept, step])
-        self._bounds = np.stack([low, high, step])[:, :, None]
+        self._reach = np.stack([low, high, kept, step, share])
         self._at_rest = np.where(at_once, share * self.middle, 0.0)
         self.weights = np.array(
             [
@@ -144,10 +147,10 @@ class Trajectories:
     def controls_of(self, applied: Array) -> Array:
         """Return the controls (steps, k, episodes) by which (steps, episodes, k) was applied."""
         values = np.moveaxis(applied, 1, 2)
-        kept, step = self._limits[2:, :, None]
+        kept, step = self._reach[2:4]
         first = self._lanes(np.arange(self.count)).state[None, self._motion :]
         before = np.concatenate([first, values[:-1]])
-        return np.clip((values - kept * before - self._at_rest[:, None]) / step, -1.0, 1.0)
+        return np.clip((values - kept * before - self._at_rest) / step, -1.0, 1.0)
 
     def follow(
         self,
@@ -170,6 +173,7 @@ class Trajectories:
             np.empty((self.steps, squared, 1 + n, count)),
             np.empty((self.steps, columns, count)),
             np.empty((self.steps, columns, count)),
+            self._reach[..., episodes],
             np.zeros(count),
         )
         state = found.states[0] = lanes.state
@@ -177,8 +181,8 @@ class Trajectories:
             u = controls[k]
             if around is not None and gain is not None:
                 u = u + np.einsum("kil,il->kl", gain[k], state - around.states[k])
-            u = found.controls[k] = self._bounded(u, state[s:])
-            found.actions[k] = self._action(u, state[s:])
+            u = found.controls[k] = _bounded(u, state[s:], found.reach)
+            found.actions[k] = self._action(u, state[s:], found.reach)
             found.motion[k] = lanes.step(found.actions[k])[1][:, :n]
             if self.pushes is not None:
                 lanes.lanes[:4] += self.pushes[k][:, episodes]
@@ -238,11 +242,11 @@ class Trajectories:
 
     def _step(self, trajectory: Trajectory, stiffness: Array) -> tuple[Array, Array]:
         """Return a step of Gauss and Newton, its change of the controls and its gains."""
-        motion, states, reactions, controls, *_ = trajectory
+        motion, states, reactions, controls, _, reach, _ = trajectory
         change = np.empty_like(controls)
         gain = np.empty((*controls.shape[:2], *states.shape[1:]))
         parts = motion, states, controls, reactions
-        sweep(parts, self._limits, self.weights, self.effort, stiffness, change, gain)
+        sweep(parts, reach, self.weights, self.effort, stiffness, change, gain)
         return change, gain
 
     def _reactions(self, lanes: Array) -> Array:
@@ -272,18 +276,20 @@ class Trajectories:
         lanes = values[:, episodes], streams[:, episodes]
         return Sensitivities(self.support, self.constants, lanes)
 
-    def _bounded(self, controls: Array, applied: Array) -> Array:
-        low, high, step = self._bounds
-        least = np.maximum(-1.0, (low - applied) / step)
-        most = np.minimum(1.0, (high - applied) / step)
-        return np.minimum(np.maximum(controls, least), most)
-
-    def _action(self, controls: Array, applied: Array) -> Array:
+    def _action(self, controls: Array, applied: Array, reach: Array) -> Array:
         if not self._by_change.any():
             return controls
-        reached = applied + self._limits[3][:, None] * controls
-        asked = np.clip((reached - self.middle[:, None]) / self.half[:, None], -1.0, 1.0)
-        return np.where(self._by_change[:, None], asked, controls)
+        asked = applied + reach[3] * controls / reach[4]
+        asked = np.clip((asked - self.middle) / self.half, -1.0, 1.0)
+        return np.where(self._by_change[:, :1], asked, controls)
+
+
+def _bounded(controls: Array, applied: Array, reach: Array) -> Array:
+    """Return the controls (k, lanes) that keep what is applied within its limits."""
+    low, high, _, step, share = reach
+    least = np.maximum(-1.0, share * (low - applied) / step)
+    most = np.minimum(1.0, share * (high - applied) / step)
+    return np.minimum(np.maximum(controls, least), most)
 
 
 def moved_means(slope: Array, mean: Array, square: Array, count: int) -> tuple[float, Array]:
@@ -304,17 +310,11 @@ def ends_of(objective: Objective) -> list[tuple[float, tuple[float, float]]]:
 
 def _require_plannable(actuator: Actuator, effort: float) -> None:
     """Refuse an actuator whose control is not a smooth function of what it applies."""
-    if actuator.own:
+    weighed = effort > 0.0 and np.isfinite(actuator.rate) and not actuator.is_rate
+    if actuator.has_memory_of_command or weighed:
         msg = (
-            f"randomization.actuation.{actuator.name}: allowed for plans by Gauss-Newton: none; "
-            "state one lag and rate limit"
-        )
-        raise DesignError(msg)
-    limited = np.isfinite(actuator.rate)
-    if limited and (actuator.lag_factor < 1.0 or (effort > 0.0 and not actuator.is_rate)):
-        msg = (
-            f"actuation.{actuator.name}: the planner accepts no lag together with a rate limit, "
-            "and no objective.effort_weight together with a rate limit of an actuator that is "
-            "commanded by its value"
+            f"actuation.{actuator.name}: the planner accepts no lag of an actuator that is "
+            "commanded by its rate, and no objective.effort_weight together with a rate limit of "
+            "one that is commanded by its value"
         )
         raise DesignError(msg)

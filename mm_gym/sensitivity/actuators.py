@@ -40,6 +40,12 @@ class Actuator(NamedTuple):
     is_rate: bool
     own: int
 
+    def reach(self, lanes: Array) -> tuple[Array | float, Array | float]:
+        """Return the largest change in a control step, and the lag factor, of lanes."""
+        if not self.own:
+            return self.rate, self.lag_factor
+        return lanes[self.own + layout.TRAVEL], lanes[self.own + layout.LAG_FACTOR]
+
     @property
     def has_memory_of_command(self) -> bool:
         """Whether what it was asked for is a state other than what it applies."""
@@ -72,10 +78,8 @@ def actuators_of(task: Array, device: str) -> tuple[Actuator, ...]:
 
 def slopes(actuator: Actuator, lanes: Array, action: Array) -> Slopes:
     """Return the derivatives over a control step from lanes (rows, count), by actions (count,)."""
-    applied, asked, own = lanes[actuator.row], lanes[actuator.asked_row], actuator.own
-    low, high, rate, factor = actuator.low, actuator.high, actuator.rate, actuator.lag_factor
-    if own:
-        rate, factor = lanes[own + layout.TRAVEL], lanes[own + layout.LAG_FACTOR]
+    applied, asked, low, high = lanes[actuator.row], lanes[actuator.asked_row], *actuator[3:5]
+    rate, factor = actuator.reach(lanes)
     inside = (np.abs(action) <= 1.0).astype(np.float64)
     command = np.clip(action, -1.0, 1.0)
     if actuator.is_rate:

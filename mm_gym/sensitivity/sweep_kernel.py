@@ -19,7 +19,8 @@ def sweep(trajectory, actuators, weights, effort, stiffness, change, gain):
     """Write a change of the controls and its feedback gains, from the last step to the first.
 
     The cost is the sum of the weighted squares of x1, v1 and offset at each step's end, and of the
-    controls u. What actuators apply is p_next = kept p + step u.
+    controls u. What actuators apply is p_next = kept p + step u. In a step it goes no further than
+    a share of the way to its limits.
 
     Parameters
     ----------
@@ -30,8 +31,8 @@ def sweep(trajectory, actuators, weights, effort, stiffness, change, gain):
         -]; controls (steps, k, lanes) [-]; what else the cost squares after each step, (steps, m,
         1 + s + k, lanes): values, and their derivatives with respect to the state then.
     actuators
-        (4, k) read: the least and the most that is applied, kept [-] and step [N, -]. Controls are
-        also within -1 and 1.
+        (5, k, lanes) read: the least and the most that is applied, kept [-], step [N, -] and share
+        [-]. Controls are also within -1 and 1.
     weights, effort
         (3,) read: of x1**2, v1**2 and offset**2; of the controls' squares.
     stiffness
@@ -131,20 +132,19 @@ def _linearise(motion, actuators, step, m, lane):
             step[row, column] = motion[m, row, column, lane]
         for j in range(n - s):
             through = motion[m, row, s + j, lane]
-            step[row, s + j] = through * actuators[2, j]
-            step[row, n + j] = through * actuators[3, j]
+            step[row, s + j] = through * actuators[2, j, lane]
+            step[row, n + j] = through * actuators[3, j, lane]
     for j in range(n - s):
-        step[s + j, s + j], step[s + j, n + j] = actuators[2, j], actuators[3, j]
+        step[s + j, s + j], step[s + j, n + j] = actuators[2, j, lane], actuators[3, j, lane]
 
 
 @borrowing_kernel
 def _bound(actuators, states, controls, bounds, m, j, lane):
     """Write the bounds of a control's change: those of itself and of what is applied."""
-    low, high, kept, step = actuators[0, j], actuators[1, j], actuators[2, j], actuators[3, j]
-    least, most = -1.0, 1.0
-    if kept > 0.0:
-        present = kept * states[m, states.shape[1] - controls.shape[1] + j, lane]
-        least, most = max(least, (low - present) / step), min(most, (high - present) / step)
+    low, high, share = actuators[0, j, lane], actuators[1, j, lane], actuators[4, j, lane]
+    step, present = actuators[3, j, lane], states[m, states.shape[1] - controls.shape[1] + j, lane]
+    least = max(-1.0, share * (low - present) / step)
+    most = min(1.0, share * (high - present) / step)
     u = controls[m, j, lane]
     bounds[0], bounds[1] = min(least - u, 0.0), max(most - u, 0.0)
 
@@ -204,7 +204,7 @@ def _hold_limits(actuators, controls, bounds, found, m, lane):
     """Let a change of what is applied be taken back where that is at its limit."""
     k, n = bounds.shape[0], found.shape[1] - 1
     for j in range(k):
-        kept, change = actuators[2, j], found[j, n]
+        change = found[j, n]
         at_bound = change == bounds[j, 0] or change == bounds[j, 1]
-        if kept > 0.0 and at_bound and abs(controls[m, j, lane] + change) < 1.0 - ROUND_OFF:
-            found[j, n - k + j] = -kept / actuators[3, j]
+        if at_bound and abs(controls[m, j, lane] + change) < 1.0 - ROUND_OFF:
+            found[j, n - k + j] = -actuators[4, j, lane] / actuators[3, j, lane]

@@ -202,10 +202,11 @@ def test_planner_uses_the_rail_to_its_end_and_not_beyond() -> None:
     assert np.all(costs[1] > costs[0])
 
 
-def test_planner_refuses_a_lag_with_a_rate_limit() -> None:
-    changes = {"actuation.force.lag": 0.01, "actuation.force.rate_limit": 9.0}
+def test_planner_refuses_a_lag_of_what_is_commanded_by_its_rate() -> None:
+    limited = {"lag": 0.01, "rate_limit": 9.0, "command": "rate"}
+    changes = {f"actuation.force.{name}": value for name, value in limited.items()}
     scene = CARRIAGE_FORCE.replace(**changes)
-    with pytest.raises(ValueError, match=r"actuation\.force: .* no lag together with a rate limit"):
+    with pytest.raises(ValueError, match=r"actuation\.force: .* no lag of an actuator"):
         evaluate(scene, Planner(scene, {}, SHORT), episodes=1)
 
 

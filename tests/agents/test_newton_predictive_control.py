@@ -126,7 +126,8 @@ def test_plans_of_a_silent_scene_do_not_depend_on_the_lanes_beside():
 
 def test_it_is_taken_where_a_force_acts_and_time_allows():
     damper = VelocityFeedback(CARRIAGE_FORCE, 5.0)
-    slow = {"actuation.force.lag": 0.02, "actuation.force.rate_limit": 9.0}
+    limited = {"rate_limit": 9.0, "command": "rate", "lag": 0.02}
+    slow = {f"actuation.force.{name}": value for name, value in limited.items()}
     lagging = CARRIAGE_FORCE.replace(**slow)
     laws = [
         predictive_control(scene, damper).law
@@ -134,7 +135,7 @@ def test_it_is_taken_where_a_force_acts_and_time_allows():
     ]
     assert [isinstance(law, NewtonPredictiveControl) for law in laws] == [True, True, False, False]
     assert isinstance(laws[-1], PredictiveControl)
-    with pytest.raises(DesignError, match="no lag together with a rate limit"):
+    with pytest.raises(DesignError, match="no lag of an actuator that is commanded by its rate"):
         NewtonPredictiveControl(lagging)
     assert Feedback(CARRIAGE_FORCE, laws[0], TrueState()).reads == "full state"
 

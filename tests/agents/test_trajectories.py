@@ -11,6 +11,8 @@ SCENES = {
     "linear": ("CarriageForce", {}),
     "friction": ("CarriageForceFriction", {}),
     "rate limit": ("PreStretch", {}),
+    "a lag in each episode": ("CarriageForceRobust", {}),
+    "such a lag and a rate limit": ("PreStretchRobust", {}),
     "both": ("Hybrid", {}),
     "ends": ("ActiveMassDamper", {}),
 }
