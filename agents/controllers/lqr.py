@@ -10,21 +10,25 @@ from typing import NamedTuple
 import control
 import numpy as np
 
-from agents.control.actuators import Command
+from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.constant import Held
-from agents.controllers.registry import regulator_entry
+from agents.controllers.registry import Entry, regulator_entry, without_weight
 from agents.controllers.searched import grid, searched
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
+
+LAG = "actuation.force.lag"
 
 HIDDEN = 1e-9
 """Singular value of a mode's pencil below which sensors do not show it, or the force reach it.
 
 It is well above the round-off of entries of order one, and far below a usable input.
 """
+
+FED_BACK = (*STATES, "force")  # the last is what is applied [N], a state where it has a lag
 
 RESIDUAL, INDEFINITE = 1e-9, 1e-12
 """Bounds, relative to P, on the Riccati residual and on the size of a negative eigenvalue."""
@@ -34,7 +38,7 @@ RESIDUAL, INDEFINITE = 1e-9, 1e-12
 class Design:
     """A regulator u = -gain @ state[states], with the cost-to-go state' P state."""
 
-    # Indices of the states that the cost depends on and that it feeds back, out of x1, x2, v1, v2.
+    # Indices of the states that the cost depends on and that it feeds back, out of `FED_BACK`.
     states: tuple[int, ...]
     gain: Array  # (1, n) [N/m, N s/m]
     # (n, n): P of the discrete Riccati equation; the sum of rewards from a state is -(x'P x - x'Q
@@ -55,11 +59,16 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
     motion has no weight or is not stabilisable, or the solution fails its checks: residual,
     definiteness, closed-loop eigenvalues.
     """
-    states, a, b, cost = problem_of(scene, stretch)
+    return solved(problem_of(scene, stretch))
+
+
+def solved(problem: Problem) -> Design:
+    """Solve the discrete Riccati equation of a problem; raise `DesignError` as `design` does."""
+    states, a, b, cost = problem
     unreached = hidden_mode(a.T, b.T)
     if unreached is not None:
         msg = (
-            f"the states {', '.join(STATES[i] for i in states)} are not stabilisable: "
+            f"the states {', '.join(FED_BACK[i] for i in states)} are not stabilisable: "
             f"the force does not reach the mode {unreached:.6g}"
         )
         raise DesignError(msg)
@@ -108,7 +117,7 @@ class Quadratic(NamedTuple):
 class Problem(NamedTuple):
     """The sampled plant and its cost, of the states that the cost depends on."""
 
-    states: tuple[int, ...]  # indices out of x1, x2, v1, v2
+    states: tuple[int, ...]  # indices out of `FED_BACK`
     # a, b: (n, n) and (n, 1) of a control step.
     a: Array
     b: Array
@@ -141,6 +150,19 @@ def problem_of(scene: Scene, stretch: float | None = None, also: Array | None = 
     cost = Quadratic(weight[:4, :4], weight[:4, 4:], weight[4:, 4:]).of(states)
     a, b = plant.discrete(stretch)
     return Problem(states, a[np.ix_(states, states)], b[list(states), :1], cost)
+
+
+def lagging(scene: Scene, problem: Problem) -> Problem:
+    """Return the problem of a force p that follows its command u with a lag, p its last state.
+
+    In a control step p goes a share of the way to u, and is held.
+    """
+    states, a, b, cost = problem
+    effort, share = force_weight(scene), float(Actuators(scene).lag_factor[0])
+    moved = np.block([[a, (1.0 - share) * b], [np.zeros((1, len(a))), np.eye(1) * (1.0 - share)]])
+    weight = np.block([[cost.state, cost.cross], [cost.cross.T, cost.force - effort]])
+    own = Quadratic(weight, np.zeros((len(moved), 1)), np.full((1, 1), effort))
+    return Problem((*states, len(STATES)), moved, share * np.vstack([b, [[1.0]]]), own)
 
 
 def reaction_weights(scene: Scene) -> tuple[float, float]:
@@ -242,6 +264,26 @@ class LQR(Law):
         return state[:, self.design.states] @ (-self.design.gain.T / self.limit), memory
 
 
+class LaggingLQR(Law):
+    """Feed back the state, and the force that is applied: the LQR of plant and lag."""
+
+    name = "LQR of plant and lag"
+
+    def __init__(self, scene: Scene) -> None:
+        self.design = solved(lagging(scene, problem_of(scene)))
+        self.limit = Command(scene, "force").high
+
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
+        fed_back = np.hstack([state, applied])[:, self.design.states]
+        return fed_back @ (-self.design.gain.T / self.limit), memory
+
+
+def _without_lag(scene: Scene) -> str | None:
+    if not np.any(scene.range_of(LAG, getattr(scene.actuation.force, "lag", 0.0))):
+        return f"which knows how a force lags behind its command; {LAG}: got 0"
+    return without_weight(scene)
+
+
 def regulator(scene: Scene) -> Feedback:
     """Return the LQR, without the stroke's weight if none can be designed with it."""
     try:
@@ -262,6 +304,14 @@ def with_constant_stretch(scene: Scene) -> Feedback:
 
 ENTRIES = (
     regulator_entry("lqr", ("force",), regulator, 10, label="LQR"),
+    Entry(
+        "lagging-lqr",
+        ("force",),
+        lambda scene: Feedback(scene, LaggingLQR(scene)),
+        17,
+        label=LaggingLQR.name,
+        refuses=_without_lag,
+    ),
     regulator_entry(
         "lqr", ("force", "stretch"), with_constant_stretch, 30, label="LQR + constant stretch"
     ),

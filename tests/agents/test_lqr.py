@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
-from agents.controllers.lqr import LQR, design
+from agents.controllers.lqr import LQR, LaggingLQR, design
+from agents.controllers.registry import laws, obstacle
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene
 
 LONG = CARRIAGE_FORCE.replace(
@@ -63,6 +64,35 @@ def test_no_perturbed_gain_beats_the_regulator() -> None:
         _, other, _ = roll_out(scene, solution.gain * factor, solution.states)
         # The regulator minimises the cost from every start, so from each lane's.
         assert np.all(other <= best * (1.0 - 1e-12))
+
+
+REWARDED = {"objective.sphere_acceleration_weight": 0.3, "objective.sphere_acceleration_scale": 5.0}
+
+
+@pytest.mark.parametrize("weights", [{}, REWARDED], ids=["motion", "acceleration"])
+def test_a_regulator_that_knows_the_lag_has_the_riccati_cost_and_the_least(weights) -> None:
+    scene = LONG.replace(**{"springs": SPRINGS, "actuation.force.lag": 0.015, **weights})
+    law, totals = LaggingLQR(scene), []
+    for one in (law, LQR(scene)):
+        env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
+        _, info = env.reset(seed=7)
+        start, total = info["state"].copy(), np.zeros(LANES)
+        for _ in range(scene.control.steps):
+            action, _ = one.action({}, info["state"], info["applied"])
+            assert np.abs(action).max() < 1.0, "clipping would break the identity"
+            _, reward, *_, info = env.step(action)
+            total += reward
+        totals.append(-total)
+    weight = law.design.cost - law.design.weight
+    expected = np.einsum("ni,ij,nj->n", start, weight[:4, :4], start)  # no force at the start
+    np.testing.assert_allclose(totals[0], expected, rtol=1e-9)  # as above
+    assert (totals[1] > 1.01 * totals[0]).all()
+
+
+def test_it_is_offered_where_the_force_lags() -> None:
+    assert "lagging-lqr" in laws(LONG.replace(**{"actuation.force.lag": 0.01}))
+    assert "lagging-lqr" in laws(LONG.replace(randomization={"actuation.force.lag": (0.0, 0.01)}))
+    assert "actuation.force.lag: got 0" in str(obstacle("lagging-lqr", LONG))
 
 
 def test_free_sphere_is_left_out_of_the_regulated_states() -> None:
