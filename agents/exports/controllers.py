@@ -62,7 +62,7 @@ def controller_policy(name: str, scene: Scene) -> Policy:
     Raise `SceneError` if there is no such controller, or it is none that can be written as layers.
     """
     controller = base_controller(scene, name)
-    if isinstance(controller, LQG):
+    if type(controller) is LQG:  # one with a spring at the rail's ends is not linear
         return _stationary(controller, scene)
     gains = linear_base(controller, scene)
     if gains is None:

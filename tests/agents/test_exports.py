@@ -107,10 +107,13 @@ def test_lqg_is_exported_with_its_stationary_filter(tmp_path):
     )
 
 
-def test_controller_that_is_not_linear_is_refused():
-    scene = load_scene("mm_gym/PreStretchShock-v0").replace(**{"control.steps": 10})
+@pytest.mark.parametrize(
+    ("task", "name"), [("PreStretchShock", "clipped-lqr"), ("ActiveMassDamper", "weighted-lqg")]
+)
+def test_controller_that_is_not_linear_is_refused(task, name):
+    scene = load_scene(f"mm_gym/{task}-v0").replace(**{"control.steps": 10})
     with pytest.raises(SceneError, match="allowed for an export: the LQG, and controllers that"):
-        controller_policy("clipped-lqr", scene)
+        controller_policy(name, scene)
 
 
 class Shifted(Law):
