@@ -39,8 +39,8 @@ class NewtonPredictiveControl(Law):
     ends, where they can. Tassa, Erez and Todorov, *Synthesis and stabilization of complex behaviors
     through online trajectory optimization*, IROS 2012; the real time iteration of Diehl, Bock and
     Schlöder, SIAM J. Control Optim. 43 (2005). Raise `DesignError` if there is an own reward,
-    accelerations of the carriage are weighed under excitation, an actuator has a lag and a rate
-    limit, or has a weight on its effort and a rate limit but is commanded by value.
+    accelerations of the carriage are weighed under excitation, an actuator has a lag and is
+    commanded by its rate, or has a weight on its effort and a rate limit but is commanded by value.
     """
 
     def __init__(self, scene: Scene, steps: Steps | None = None) -> None:
