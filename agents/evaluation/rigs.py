@@ -11,23 +11,18 @@ import numpy as np
 from agents.control.controller import Controller
 from agents.control.feedback import Feedback, TrueState
 from agents.control.scene import drawn_but
-from agents.controllers.constant import ConstantAction, best_constant
 from agents.controllers.h_infinity import HInfinity
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.predictive_control import predictive_control
 from agents.controllers.registry import entries
-from agents.controllers.tuned import (
-    best_without_memory,
-    classical_laws,
-    designed,
-    further_laws,
-    makers,
-)
+from agents.controllers.tuned import best_without_memory, classical_laws, further_laws
 from agents.controllers.with_observer import WithObserver
-from agents.evaluation.headroom import interval
+from agents.evaluation.headroom import controllers_of, interval
+from agents.evaluation.plans import Effort, Planner
 from agents.evaluation.scores import SCORES
-from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate, tail_mean, written
+from agents.scoring import VALIDATION_SEED, evaluate, tail_mean, written
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
+from mm_gym.arrays import Array
 from mm_gym.files import read_text
 from mm_gym.tasks import robust_ids, short_name
 
@@ -39,6 +34,15 @@ EPISODES = 200
 DELAYS = (0, 1, 2)  # control steps by which the sensors of the task itself are late
 WORST = 0.1  # share of the episodes that cost most
 OBSERVED = "with observer"  # role of a specialist that an observer shows the present
+
+ROLES = {"zero": "zero", "constant": "constant", "law": "controller", "predictive": "predictive"}
+"""Roles here of those that `headroom` has and that are scored."""
+
+CONTROLLERS = "controller", "predictive"  # roles of those to which agents are compared
+OF_RIGS = "predictive", "planner"
+"""Roles that are scored on the variant alone: one is slow, and no sensor matters to the other."""
+
+PLANNED = Effort(random=3, rounds=2, searches=0)  # a full search takes an hour
 
 
 def read_robustness() -> dict[str, Any]:
@@ -63,41 +67,53 @@ def rigs_of(variant: str) -> dict[str, Scene]:
     return {"rigs": load_scene(variant), **late}
 
 
-def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
-    """Return the controllers that are tuned over the rigs and read the observation, by role."""
-    found, _ = designed(scene, makers(scene, "law", "filter"))
-    return [
-        ("zero", ConstantAction(scene)),
-        ("constant", best_constant(scene, HELD_OUT_SEED)),
-        *(("controller", one) for one in found),
-    ]
-
-
 def scores_of(
     variant: str, agents: Mapping[str, Sequence[Controller]], known: Sequence[Row] | None = None
 ) -> list[Row]:
     """Return a row for each controller of a variant, and for each agent.
 
     Agents are given by the id of the task or variant that they were trained on; those of the task
-    have another row with an observer. Rows of controllers that are known are not made again.
+    have another row with an observer. Rows of controllers and of the plan that are known are not
+    made again. A plan starts from what the others did; there is none where an actuator cannot be
+    planned for.
     """
     scenes = rigs_of(variant)
     trained = {"specialist": task_of(variant), "over the rigs": variant}
     rows = [row for row in known or () if row["role"] not in (*trained, OBSERVED)]
-    new: list[tuple[str, Controller]] = [] if rows else controllers_of(scenes["rigs"])
+    new: list[tuple[str, Controller]] = []
+    if not rows:
+        every = controllers_of(scenes["rigs"])
+        new = [(ROLES[role], one) for role, one in every if role in ROLES]
     new += [(role, one) for role, task in trained.items() for one in agents.get(task, ())]
     specialists = agents.get(task_of(variant), ())
     new += [(OBSERVED, WithObserver(scenes["rigs"], one)) for one in specialists]
-    return rows + [_row(role, one, scenes) for role, one in new]
+    starts: dict[str, Array] = {}
+    for role, one in new:
+        row, starts[one.name] = _scored(role, one, scenes)
+        rows.append(row)
+    if all(row["role"] != "planner" for row in rows) and is_plannable(scenes["rigs"]):
+        rows.append(_scored("planner", Planner(scenes["rigs"], starts, PLANNED), scenes)[0])
+    return sorted(rows, key=lambda row: row["role"] == "planner")
 
 
-def _row(role: str, controller: Controller, scenes: Mapping[str, Scene]) -> Row:
-    found = {name: evaluate(s, controller, episodes=EPISODES) for name, s in scenes.items()}
+def is_plannable(scene: Scene) -> bool:
+    """Tell whether there are plans for the scene's actuators: no lag where a rate is commanded."""
+    parts = {name: getattr(scene.actuation, name) for name in scene.actuation.names}
+    return not any(
+        part.command == "rate" and np.any(scene.range_of(f"actuation.{name}.lag", part.lag))
+        for name, part in parts.items()
+    )
+
+
+def _scored(role: str, controller: Controller, scenes: Mapping[str, Scene]) -> tuple[Row, Array]:
+    """Return a controller's row, and what it applied over the rigs (steps, lanes, k)."""
+    names = ["rigs"] if role in OF_RIGS else list(scenes)
+    found = {name: evaluate(scenes[name], controller, episodes=EPISODES) for name in names}
     over = found["rigs"]
     low, high = interval(over.penalties)
     costs = {name: one.cost for name, one in found.items()}
     costs |= {"low": low, "high": high, "worst": float(np.sqrt(tail_mean(over.penalties, WORST)))}
-    return {"role": role, "controller": controller.name, **written(costs)}
+    return {"role": role, "controller": controller.name, **written(costs)}, over.applied
 
 
 DELAY, NOISE, FEW = 2, 0.01, 20

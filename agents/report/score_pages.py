@@ -11,7 +11,7 @@ from typing import Any
 from agents.control.trajectories import ends_of
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.headroom import CLASSICAL, LEARNED, least_cost
-from agents.evaluation.rigs import DELAYS, OBSERVED, task_of
+from agents.evaluation.rigs import CONTROLLERS, DELAYS, OBSERVED, task_of
 from agents.evaluation.rigs import EPISODES as OF_RIGS
 from agents.evaluation.scores import SCORES
 from agents.evaluation.sealed import EPISODES as SEALED_EPISODES
@@ -42,6 +42,7 @@ COLUMNS = {
 
 SHOWN = "mm_gym/PreStretchNoiseRobust-v0"  # variant whose ranges are shown
 MARGIN = 1e-3  # relative differences of costs up to this one count as none
+NEAR = 0.01  # part of its cost by which a controller is at most above what is possible
 NO_BETTER = "no better than the best constant"
 
 TARGETS = ("force", "ground")  # in the order in which docstrings give the units of an amplitude
@@ -235,8 +236,11 @@ def robustness_page(scores: Mapping[str, Any], results: Results) -> str:
         drawn=_drawn(load_scene(SHOWN), load_scene(SHOWN).randomization),
         widths={name: one.default for name, one in signature(over_rigs).parameters.items()},
         delays=DELAYS,
+        most_above=NEAR,
         scores=scores,
-        compared={short_name(name): rows for name, rows in compared.items() if rows[-1]},
+        compared={short_name(name): rows for name, rows in compared.items() if rows[2]},
+        near=[short_name(name) for name, rows in compared.items() if _nothing_is_left(rows)],
+        unplanned=[short_name(name) for name, rows in compared.items() if rows[3] is None],
         not_better=[short_name(name) for name, rows in compared.items() if not _agent_wins(rows)],
         trained=[
             [
@@ -254,9 +258,9 @@ def robustness_page(scores: Mapping[str, Any], results: Results) -> str:
 
 
 def _compared(rows: Sequence[Row]) -> list[Row | None]:
-    """Return the best controller, the best specialist and the best agent for the rigs."""
-    wanted = [(("controller",), "rigs"), (("specialist",), "late 0")]
-    wanted.append((("over the rigs", OBSERVED), "rigs"))
+    """Return the best controller, specialist and agent for the rigs, and the planner."""
+    wanted = [(CONTROLLERS, "rigs"), (("specialist",), "late 0")]
+    wanted += [(("over the rigs", OBSERVED), "rigs"), (("planner",), "rigs")]
     return [
         min((row for row in rows if row["role"] in roles), key=itemgetter(where), default=None)
         for roles, where in wanted
@@ -265,8 +269,14 @@ def _compared(rows: Sequence[Row]) -> list[Row | None]:
 
 def _agent_wins(compared: Sequence[Row | None]) -> bool:
     """Tell whether the agent for the rigs costs less there than the best controller."""
-    controller, _, agent = compared
+    controller, _, agent, _ = compared
     return controller is not None and agent is not None and agent["rigs"] < controller["rigs"]
+
+
+def _nothing_is_left(compared: Sequence[Row | None]) -> bool:
+    """Tell whether the best controller costs hardly more than the clairvoyant optimum."""
+    controller, _, _, planner = compared
+    return bool(controller and planner and planner["rigs"] > (1.0 - NEAR) * controller["rigs"])
 
 
 def sealed_page(data: Mapping[str, Any]) -> str:

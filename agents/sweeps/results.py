@@ -20,7 +20,7 @@ from agents.controllers.tuned import designed
 from agents.controllers.with_observer import WithObserver
 from agents.evaluation.aggregates import Estimate, interquartile_mean, proportion, shared_episodes
 from agents.evaluation.headroom import CLASSICAL
-from agents.evaluation.rigs import read_robustness, task_of, variant_of
+from agents.evaluation.rigs import CONTROLLERS, read_robustness, task_of, variant_of
 from agents.evaluation.scores import SCORES, Cost, read_scores
 from agents.scoring import evaluate, validation_cost
 from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of, read_score
@@ -403,7 +403,7 @@ def _best_controller(task: str, scene: Scene) -> str:
         wanted = "headroom" if own else "robustness"
         msg = f"{task}: no scores of this scene: python -m agents {wanted} {short_name(task)}"
         raise RunError(msg)
-    roles, cost = (CLASSICAL, "cost") if own else (("controller",), "rigs")
+    roles, cost = (CLASSICAL, "cost") if own else (CONTROLLERS, "rigs")
     rows = [row for row in scores["rows"] if row["role"] in roles]
     return min(rows, key=lambda row: row[cost])["controller"]
 

@@ -1,5 +1,7 @@
 """Controllers over a distribution of rigs, and the page of them."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from trainings import controller, training
@@ -11,6 +13,9 @@ from agents.control.observed_state import ObservedState
 from agents.control.scene import drawn_but
 from agents.control.trajectories import Trajectories
 from agents.controllers.learned import Learned
+from agents.controllers.lqr import LaggingLQR
+from agents.evaluation import rigs
+from agents.evaluation.plans import Effort
 from agents.evaluation.rigs import DELAYS, read_robustness, rigs_of, scores_of, task_of
 from agents.evaluation.studies import variants
 from agents.evolution.search import EvolveSettings
@@ -38,27 +43,43 @@ def test_a_controller_is_told_the_middle_of_what_is_drawn():
     )
 
 
+@pytest.fixture
+def quick(monkeypatch):
+    """Make scores of few episodes, and plans of few steps."""
+    monkeypatch.setattr(rigs, "EPISODES", 20)
+    effort = Effort(random=1, first=3, second=3, rounds=1, steps=3, searches=0, last=3)
+    monkeypatch.setattr(rigs, "PLANNED", effort)
+
+
+@pytest.mark.usefixtures("quick")
 def test_rows_are_of_the_rigs_and_of_the_task_with_each_delay():
     rows = scores_of(VARIANT, {})
-    assert {row["role"] for row in rows} == {"zero", "constant", "controller"}
+    roles = ["zero", "constant", "controller", "predictive", "planner"]
+    assert list(dict.fromkeys(row["role"] for row in rows)) == roles
     scenes = rigs_of(VARIANT)
     assert scenes["late 0"] == load_scene(task_of(VARIANT))
-    zero = rows[0]
+    zero, (predictive, planner) = rows[0], rows[-2:]
     for row in rows:
         assert row["low"] < row["rigs"] < row["high"] < row["worst"]
+        assert ("late 0" in row) == (row not in (predictive, planner))
+    # A plan is no worse than what it starts from.
+    assert planner["rigs"] < min(row["rigs"] for row in rows[:-1])
     # Without control the delay changes nothing.
     assert zero["late 0"] == zero["late 2"]
     # The Kalman filter that is told one step of delay does best with it.
-    lqg, lqr = (next(row for row in rows if row["controller"] == name) for name in ("LQG", "LQR"))
+    lqg, lqr, lagging = (
+        next(row for row in rows if row["controller"] == name)
+        for name in ("LQG", "LQR", LaggingLQR.name)
+    )
     assert lqg["late 1"] < min(lqg["late 0"], lqg["late 2"])
     # What finds the delay loses little by it.
-    assert lqr["rigs"] < min(row["rigs"] for row in rows if row is not lqr)
+    assert lagging["rigs"] < lqr["rigs"] < min(lqg["rigs"], zero["rigs"])
     assert max(lqr[f"late {n}"] for n in DELAYS) < 1.1 * lqr["late 0"]
 
 
 def test_rows_of_controllers_stay_and_those_of_agents_are_made_anew():
-    rows = [{"role": "controller", "controller": "LQR"}, {"role": "specialist", "controller": "A"}]
-    assert scores_of(VARIANT, {}, rows) == rows[:1]
+    rows = [{"role": role, "controller": role} for role in ("controller", "planner", "specialist")]
+    assert scores_of(VARIANT, {}, rows) == rows[:2]
 
 
 def test_agents_are_the_published_policies_of_the_task_and_of_the_variant():
@@ -84,6 +105,7 @@ def test_search_on_a_variant_begins_as_a_filter_that_switches_no_more_than_is_kn
     assert cost < 1.01 * plain  # which is no control under noise
 
 
+@pytest.mark.usefixtures("quick")
 def test_the_page_is_that_of_its_scores(monkeypatch, tmp_path, capsys):
     assert PAGE.read_text("utf-8") == page(SCORES, read_results())
     for name in ("FILE", "ROBUSTNESS"):
@@ -129,12 +151,15 @@ def test_scores_are_of_the_present_variants():
         )
 
 
-def test_clairvoyant_plans_refuse_a_drawn_lag():
-    scene = load_scene(VARIANT)
+@pytest.mark.parametrize("variant", robust_ids())
+def test_plans_are_asked_for_where_they_are_not_refused(variant):
+    scene = load_scene(variant)
     env = MovingMassVectorEnv(scene, 2)
     env.reset(seed=0)
-    with pytest.raises(DesignError, match=r"randomization\.actuation\.force: allowed for plans"):
+    refused = pytest.raises(DesignError, match="no lag of an actuator that is commanded by its")
+    with nullcontext() if rigs.is_plannable(scene) else refused:
         Trajectories(scene, env.plant, env.get_state())
+    assert rigs.is_plannable(scene) == (short_name(variant) != "HybridRobust")
 
 
 def test_studies_replace_what_is_drawn():
