@@ -265,7 +265,12 @@ class LQR(Law):
 
 
 class LaggingLQR(Law):
-    """Feed back the state, and the force that is applied: the LQR of plant and lag."""
+    """Feed back the state, and the force that is applied: the LQR of plant and lag.
+
+    A lag is part of the plant, and what is applied is known from the actions. Kwakernaak and Sivan,
+    *Linear Optimal Control Systems* (1972), section 6.4. Of a drawn lag the middle is known. Raise
+    `DesignError` as `design` does.
+    """
 
     name = "LQR of plant and lag"
 
