@@ -34,6 +34,7 @@ NO_RESULT = {
     "no published agent costs less over the rigs": "precedes a list from data",
     "by less than the interval": "precedes a list from data",
     "On each variant an agent for the rigs": "a sentence that costs choose",
+    "costs at most more than the clairvoyant": "the same",
 }
 """Part of a sentence -> why it is no result."""
 

@@ -15,7 +15,7 @@ from agents.controllers.lqr import LQR
 from agents.controllers.with_observer import WithObserver
 from agents.evaluation.aggregates import proportion
 from agents.evaluation.headroom import CLASSICAL
-from agents.evaluation.rigs import read_robustness, variant_of
+from agents.evaluation.rigs import CONTROLLERS, read_robustness, variant_of
 from agents.evaluation.scores import read_scores
 from agents.policies import load_policy
 from agents.report.published import page as published_page
@@ -133,7 +133,7 @@ class TestFile:
         of_variants = read_robustness()
         for one in COMMITTED.controllers:
             if one.task in of_variants:  # scored there on twice as many episodes
-                rows = [r for r in of_variants[one.task]["rows"] if r["role"] == "controller"]
+                rows = [r for r in of_variants[one.task]["rows"] if r["role"] in CONTROLLERS]
                 assert one.controller == min(rows, key=lambda row: row["rigs"])["controller"]
                 continue
             rows = [r for r in read_scores()[one.task]["rows"] if r["role"] in CLASSICAL]
