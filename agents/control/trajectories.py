@@ -121,10 +121,9 @@ class Trajectories:
         self.actuators, self._motion = first.actuators, len(first.state_rows)
         for actuator in self.actuators:
             _require_plannable(actuator, objective.effort_weight)
-        columns, values = (len(self.actuators), self.count), start["values"]
-        low, high, rate, share = np.empty((4, *columns))
+        low, high, rate, share = np.empty((4, len(self.actuators), self.count))
         for j, a in enumerate(self.actuators):
-            low[j], high[j], (rate[j], share[j]) = a.low, a.high, a.reach(values)
+            low[j], high[j], (rate[j], share[j]) = a.low, a.high, a.reach(start["values"])
         at_once = ~np.isfinite(rate)
         self.middle, self.half = 0.5 * (high + low)[:, :1], 0.5 * (high - low)[:, :1]
         kept, step = np.where(at_once, 1.0 - share, 1.0), np.where(at_once, share * self.half, rate)

@@ -13,14 +13,12 @@ import numpy as np
 from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
-from agents.control.scene import STATES, force_weight, plant_of
+from agents.control.scene import STATES, force_weight, nominal, plant_of
 from agents.controllers.constant import Held
 from agents.controllers.registry import Entry, regulator_entry, without_weight
 from agents.controllers.searched import grid, searched
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
-
-LAG = "actuation.force.lag"
 
 HIDDEN = 1e-9
 """Singular value of a mode's pencil below which sensors do not show it, or the force reach it.
@@ -284,8 +282,8 @@ class LaggingLQR(Law):
 
 
 def _without_lag(scene: Scene) -> str | None:
-    if not np.any(scene.range_of(LAG, getattr(scene.actuation.force, "lag", 0.0))):
-        return f"which knows how a force lags behind its command; {LAG}: got 0"
+    if nominal(scene, "actuation.force.lag") == 0.0:
+        return "which knows how a force lags behind its command; actuation.force.lag: got 0"
     return without_weight(scene)
 
 

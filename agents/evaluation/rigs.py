@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -91,18 +92,10 @@ def scores_of(
     for role, one in new:
         row, starts[one.name] = _scored(role, one, scenes)
         rows.append(row)
-    if all(row["role"] != "planner" for row in rows) and is_plannable(scenes["rigs"]):
-        rows.append(_scored("planner", Planner(scenes["rigs"], starts, PLANNED), scenes)[0])
+    if all(row["role"] != "planner" for row in rows):
+        with suppress(DesignError):  # an actuator that plans refuse: the page names the variant
+            rows.append(_scored("planner", Planner(scenes["rigs"], starts, PLANNED), scenes)[0])
     return sorted(rows, key=lambda row: row["role"] == "planner")
-
-
-def is_plannable(scene: Scene) -> bool:
-    """Tell whether there are plans for the scene's actuators: no lag where a rate is commanded."""
-    parts = {name: getattr(scene.actuation, name) for name in scene.actuation.names}
-    return not any(
-        part.command == "rate" and np.any(scene.range_of(f"actuation.{name}.lag", part.lag))
-        for name, part in parts.items()
-    )
 
 
 def _scored(role: str, controller: Controller, scenes: Mapping[str, Scene]) -> tuple[Row, Array]:

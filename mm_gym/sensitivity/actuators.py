@@ -78,8 +78,8 @@ def actuators_of(task: Array, device: str) -> tuple[Actuator, ...]:
 
 def slopes(actuator: Actuator, lanes: Array, action: Array) -> Slopes:
     """Return the derivatives over a control step from lanes (rows, count), by actions (count,)."""
-    applied, asked, low, high = lanes[actuator.row], lanes[actuator.asked_row], *actuator[3:5]
-    rate, factor = actuator.reach(lanes)
+    applied, asked = lanes[actuator.row], lanes[actuator.asked_row]
+    low, high, (rate, factor) = actuator.low, actuator.high, actuator.reach(lanes)
     inside = (np.abs(action) <= 1.0).astype(np.float64)
     command = np.clip(action, -1.0, 1.0)
     if actuator.is_rate:
