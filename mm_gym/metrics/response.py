@@ -20,7 +20,7 @@ class Cubic(NamedTuple):
     """A quantity over intervals: q(s) = c0 + c1 s + c2 s^2 + c3 s^3, with s from 0 to 1.
 
     Between the instants it is right to the fourth order in their spacing. For a vibration at w, the
-    spacing h leaves (w h)^4 / 384 of the amplitude: 4e-4 for 16 instants a period.
+    spacing h leaves (w h)^4 / 384 of the amplitude: 4e-4 for 10 instants a period.
     """
 
     c0: Array
