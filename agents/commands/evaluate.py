@@ -39,7 +39,7 @@ from agents.report.pages import (
 )
 from agents.report.published import read_published, scored_again
 from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
-from agents.training.parts import agent_of, recorded_parts
+from agents.training.parts import agent_of, recorded_parts, trained_parts
 from agents.training.runs import Run
 from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.files import check_outputs
@@ -128,15 +128,16 @@ def report_run(
     join the baselines. The reward, FILE.py:NAME, is by default the one that the run was trained
     for. The reference baseline is the first, the learned agent the last.
     """
-    record = run.read()
     if policy is None:
         run.require_finished()
-    settings = record["settings"]
-    if reward is not None:  # asked for, so its file may be run, and the run's own need not be
-        settings = settings | {"reward": None}
-    parts = recorded_parts(rewarded(run.scene(), reward), settings, trust=trust)
+    if reward is None:
+        parts = recorded_parts(run.scene(), run.read()["settings"], trust=trust)
+        scene = parts.scene
+    else:  # asked for, so its file may be run, and the run's own only where a part is tuned by it
+        scene = rewarded(run.scene(), reward)
+        parts = trained_parts(run, trust=trust, asked=scene.own_reward)
     learned = agent_of(run, parts, name) if policy is None else parts.controller(policy, name)
-    return report([*others, learned], parts.scene, episodes, folder or run.folder)
+    return report([*others, learned], scene, episodes, folder or run.folder)
 
 
 def report(

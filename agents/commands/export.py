@@ -25,10 +25,11 @@ from agents.network.c_source import c_source, seconds_of
 from agents.network.interface import Interface
 from agents.network.onnx import onnx_bytes
 from agents.policies import ENDINGS, AnyPolicy, PolicyError, load_policy
-from agents.training.parts import NO_BASE, recorded_parts
+from agents.training.ending import read_ending
+from agents.training.parts import trained_parts
 from agents.training.runs import Run
 from agents.value_table.policy import TablePolicy
-from mm_gym import load_scene
+from mm_gym import SceneError, load_scene
 from mm_gym.files import check_outputs, write_bytes
 from mm_gym.tasks import task_or_scene
 
@@ -99,13 +100,19 @@ def read_exported(arguments: Arguments) -> Exported:
 
 
 def _of_run(run: Run, *, trust: bool) -> Exported:
-    policy, record, scene = load_policy(run.policy), run.read(), run.scene()
-    name = record["settings"].get("base")
-    if name is None or name == NO_BASE:
+    """Return what a run stands for: its agent, or the controller that costs less."""
+    policy, scene, name = load_policy(run.policy), run.scene(), run.read()["settings"].get("base")
+    parts, ending = trained_parts(run, trust=trust), read_ending(run)
+    if ending is not None and ending.returned is not None:
+        comment = f"It is the controller {ending.returned}, which costs less than the run's agent."
+        try:
+            policy = controller_policy(ending.returned, parts.scene)
+        except SceneError as error:
+            msg = f"{error}. {comment} The agent is in {run.policy}"
+            raise PolicyError(msg) from error
+        return Exported(policy, Interface.of_scene(scene), comment)
+    if parts.base is None:
         return Exported(policy, Interface.of_scene(scene))
-    settings = {"base": name, "authority": record["settings"]["authority"]}
-    parts = recorded_parts(scene, settings, trust=trust)
-    assert parts.base is not None  # noqa: S101 - it has a name
     gains = linear_base(parts.base, scene)
     if gains is None:
         k = policy.sizes[-1]

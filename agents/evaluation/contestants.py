@@ -17,7 +17,7 @@ from agents.controllers.registry import RANDOM, laws, not_a_law, obstacle
 from agents.controllers.user_defined import user_defined
 from agents.policies import ENDINGS, load_policy
 from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate
-from agents.training.parts import agent_of, recorded_parts
+from agents.training.parts import agent_of, trained_parts
 from agents.training.runs import Run, RunError
 from mm_gym import OwnReward, Scene, SceneError, load_scene, rewarded
 from mm_gym.arrays import Array
@@ -323,8 +323,4 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
         others = "FILE.py:NAME, the folder of a run, or a policy's file"
         raise not_a_law(name, scene, "controller", others)
     run.require_finished()
-    record = run.read()
-    if record["scene_digest"] != scene.digest:  # its base is the one that it was trained with
-        scene = run.scene()
-    settings = record["settings"] | {"reward": None}  # which has no part in its actions
-    return agent_of(run, recorded_parts(scene, settings, trust=False), name)
+    return agent_of(run, trained_parts(run, trust=False, asked=scene.own_reward), name)

@@ -68,10 +68,10 @@ class Descent(Following):
     """
 
     def __init__(self, settings: GradientSettings, scene: Scene) -> None:
-        super().__init__(settings, scene)
         own = settings.scene is not None
+        settings = fitted(settings, scene) if own else settings
+        super().__init__(settings, scene)
         self.settings: GradientSettings = settings
-        self.fitted = fitted(settings, scene) if own else settings
         generator = np.random.default_rng(settings.seed)
         start = start_of(scene, settings, generator)
         self.began_as = IN_WORDS[start.law]
@@ -80,7 +80,7 @@ class Descent(Following):
         self.odd = scene.actuation.names == ("force",)
         scales = Scales.measured(scene, start) if own else Scales.stated(start)
         evolved = Evolved(start, settings.hidden, odd=self.odd, scales=scales)
-        if not own or settings.floor != GradientSettings().floor:
+        if not own or "floor" in settings.model_fields_set:
             start.units[:, UNIT.index("floor")] = settings.floor
         self.start = evolved.policy(evolved.first(generator))
         self.parts = self._of_scenes(scene, STEEPEST if own and self.odd else MOST)
@@ -97,14 +97,14 @@ class Descent(Following):
         """Return the episodes of each scene, and the passes of the one network through them."""
         parts = [
             (Episodes(one, count, most), Network(self.start, one.control.steps, count))
-            for one, count in self.fitted.scenes(scene, self.fitted.episodes)
+            for one, count in self.settings.scenes(scene, self.settings.episodes)
         ]
         for _, network in parts[1:]:
             network.parameters = parts[0][1].parameters
         return parts
 
     def _advance(self) -> None:
-        settings, count, size = self.fitted, self.fitted.episodes, np.inf
+        settings, count, size = self.settings, self.settings.episodes, np.inf
         fade, rate = schedule(settings, self.done)
         if settings.scene is not None:
             rate *= min(1.0, (self.rounds + 1) / WARMED)

@@ -84,15 +84,14 @@ def schedule(settings: GradientSettings, done: float) -> tuple[float, float]:
 
 
 def fitted(settings: GradientSettings, scene: Scene) -> GradientSettings:
-    """Return settings with what is left at its default chosen for the scene."""
+    """Return settings with what is not asked for chosen for the scene."""
     steps = periods(scene)
     chosen: dict[str, float] = {"episodes": max(8, FRAMES // scene.control.steps)}
     if scene.actuation.names == ("force",):
         chosen["rate"] = FORCE_RATE
     if steps.size:
         slowest = PERIODS if scene.actuation.stretch is None else SPRING_PERIODS
-        horizons = np.multiply(slowest, steps.max())
+        horizons = (float(f"{value:.8g}") for value in np.multiply(slowest, steps.max()))
         chosen |= zip(("first_horizon", "horizon"), horizons, strict=True)
-    defaults = GradientSettings()
-    left = {k: v for k, v in chosen.items() if getattr(settings, k) == getattr(defaults, k)}
+    left = {name: value for name, value in chosen.items() if name not in settings.model_fields_set}
     return settings.model_copy(update=left)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import (
+    BaseModel,
     Field,
     JsonValue,
     SerializerFunctionWrapHandler,
@@ -351,7 +352,26 @@ def _settings(kind: type[Settings], arguments: list[str], description: str) -> S
         default = kind.of({"task": task, "name": short_name(task) + getattr(kind, "suffix", "")})
         if issubclass(kind, RunSettings):
             good = good_settings(task, kind)
-            found = cli(kind, default=good, args=arguments, description=description)
+            found = _parsed(kind, arguments, description, good)
             if all(getattr(found, name) == getattr(good, name) for name in kind.fitted):
                 return found
-    return cli(kind, default=default, args=arguments, description=description)
+    return _parsed(kind, arguments, description, default)
+
+
+def _parsed(
+    kind: type[Settings], arguments: list[str], description: str, default: Settings
+) -> Settings:
+    found = cli(kind, default=default, args=arguments, description=description)
+    words = (one[2:].partition("=")[0] for one in arguments if one.startswith("--"))
+    _forget_unasked(found, default, {word.replace("-", "_") for word in words})
+    return found
+
+
+def _forget_unasked(found: BaseModel, default: BaseModel, flags: set[str], place: str = "") -> None:
+    """Leave as set what the default has set or a flag sets: the parser sets every field."""
+    for name in type(found).model_fields:
+        inner = getattr(found, name)
+        if isinstance(inner, BaseModel):
+            _forget_unasked(inner, getattr(default, name), flags, f"{place}{name}.")
+    asked = {name for name in found.model_fields_set if place + name in flags}
+    found.model_fields_set.intersection_update(default.model_fields_set | asked)

@@ -80,8 +80,8 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
             told.append(
                 f"note: on the validation episodes {self.returned} costs "
                 f"{_told(self.controller_cost)} and the best agent {_told(self.cost)}; commands "
-                "that score this run therefore score the controller, and policy.safetensors holds "
-                "the agent"
+                "that score or export this run therefore take the controller, and "
+                "policy.safetensors holds the agent"
             )
         if self.is_worse:
             kept = "no control" if self.replaced else "the best agent"

@@ -26,7 +26,7 @@ QUIET, LOUD = 0.01, 0.6  # least and largest standard deviation of the explorati
 
 
 def for_own_scene(settings: TrainSettings, run: Run) -> TrainSettings:
-    """Return settings with what is left at its default measured, if the scene is one's own.
+    """Return settings with what is not asked for measured, if the scene is one's own.
 
     A run that goes on keeps the base of its record.
     """
@@ -37,15 +37,13 @@ def for_own_scene(settings: TrainSettings, run: Run) -> TrainSettings:
         base = run.read()["settings"].get("base") or NO_BASE
     base = base or best_controller(scene, plans=False).name
     changes: dict[str, object] = {}
-    defaults = type(chosen)()
-    if chosen.discount == defaults.discount:
+    if "discount" not in chosen.model_fields_set:
         changes["discount"] = discount_of(scene)
-    if isinstance(chosen, PPOSettings) and base != NO_BASE:
-        assert isinstance(defaults, PPOSettings)  # noqa: S101 - of the same class
-        if chosen.initial_log_std == defaults.initial_log_std:
-            size = max(LEAST, size_of_actions(scene, base_controller(scene, base)))
-            spread = np.clip(EXPLORED * size / settings.authority, QUIET, LOUD)
-            changes["initial_log_std"] = round(float(np.log(spread)), 3)
+    explores = isinstance(chosen, PPOSettings) and "initial_log_std" not in chosen.model_fields_set
+    if explores and base != NO_BASE:
+        size = max(LEAST, size_of_actions(scene, base_controller(scene, base)))
+        spread = np.clip(EXPLORED * size / settings.authority, QUIET, LOUD)
+        changes["initial_log_std"] = round(float(np.log(spread)), 3)
     return settings.model_copy(
         update={
             "base": base,

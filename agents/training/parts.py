@@ -11,7 +11,7 @@ from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.training.config import RunSettings
 from agents.training.ending import read_ending
 from agents.training.runs import Run
-from mm_gym import DesignError, Scene, SceneError, rewarded
+from mm_gym import DesignError, OwnReward, Scene, SceneError, rewarded
 from mm_gym.user_code import is_path
 
 NO_BASE = "none"  # what asks for an agent that is added to no controller
@@ -65,6 +65,23 @@ def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool)
         msg = f"{', '.join(code)}: scoring executes this code of the run; allow it with --trust"
         raise PolicyError(msg)
     return _parts(rewarded(scene, reward), base, authority)  # pyright: ignore[reportArgumentType] - of the record
+
+
+def trained_parts(run: Run, *, trust: bool, asked: OwnReward | None = None) -> Parts:
+    """Return the parts of a run by which its agent acts as it did when it was trained.
+
+    A base, or the controller that is returned, is tuned by the reward that the run was trained for,
+    whatever reward scores it. Where there is neither, no reward has a part in the actions, and none
+    is run. A reward that was asked for by the same name has been run, so it needs no trust. Raise
+    as `recorded_parts` does.
+    """
+    settings, ending, scene = run.read()["settings"], read_ending(run), run.scene()
+    has_base = settings.get("base") not in (None, NO_BASE)
+    if not has_base and (ending is None or ending.returned is None):
+        settings = settings | {"reward": None}
+    elif asked is not None and asked.given == settings.get("reward"):
+        scene, settings = rewarded(scene, asked), settings | {"reward": None}
+    return recorded_parts(scene, settings, trust=trust)
 
 
 def base_controller(scene: Scene, base: str) -> Controller:

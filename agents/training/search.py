@@ -63,7 +63,7 @@ class Search(ABC):
         size = settings.growing[0]
         self.total: float = getattr(settings, size)
         is_own = settings.scene is not None and settings.time_budget is not None
-        if is_own and self.total == type(settings).model_fields[size].default:
+        if is_own and size not in settings.model_fields_set:
             self.total = math.inf
 
     @abstractmethod

@@ -19,6 +19,7 @@ from agents.network.c_source import c_source
 from agents.policies import load_policy
 from agents.scoring import evaluate
 from agents.training.config import TrainSettings
+from agents.training.ending import Ending
 from agents.training.parts import base_controller
 from agents.training.runs import Run
 from mm_gym import MovingMassVectorEnv, SceneError, load_scene
@@ -154,6 +155,26 @@ def test_agent_around_another_law_says_what_is_missing(tmp_path, monkeypatch, ca
     )
     assert said in capsys.readouterr().out
     assert said in (tmp_path / "p.c").read_text()
+
+
+@pytest.mark.parametrize("name", ["velocity-feedback", "predictive-control"])
+def test_run_that_stands_for_a_controller_is_exported_as_that(name, tmp_path, monkeypatch, capsys):
+    run = begun(tmp_path)
+    policy_of([4, 8, 1], "tanh").save(run.policy)
+    costs = {"cost": 0.2, "began_with": 0.2, "no_control": 0.3, "controller_cost": 0.1}
+    words = {"unit": "generation", "began_as": "no control", "controller": name}
+    Ending(done=1, total=1, time_budget=None, **words, **costs).write(run)
+    out = tmp_path / "p.safetensors"
+    answer = export(monkeypatch, run.folder, "--out", out)
+    if name == "predictive-control":
+        assert f"The agent is in {run.policy}" in answer
+        assert not out.exists()
+        return
+    assert answer is None
+    assert f"It is the controller {name}" in capsys.readouterr().out
+    observation = np.random.default_rng(0).standard_normal((9, 4)).astype(np.float32)
+    wanted = controller_policy(name, CARRIAGE_FORCE).act(observation)
+    np.testing.assert_array_equal(load_policy(out).act(observation), wanted)
 
 
 def test_own_code_of_a_run_is_not_run_without_trust(tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from exported import policy_of
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, PRE_STRETCH_SHOCK
 
 from agents.commands import evaluate as command
@@ -204,6 +205,38 @@ def test_flag_scores_a_controller(reward, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [*words, "--reward", reward.replace("cost", "cst")])
     assert "no class or function 'cst'; did you mean 'cost'" in command.main()
     capsys.readouterr()
+
+
+def test_base_is_tuned_by_the_reward_of_its_training(tmp_path, monkeypatch):
+    (tmp_path / "own.py").write_text(
+        "def cost(carriage_displacement, carriage_velocity):\n"
+        "    return carriage_displacement**2 + 1e-2 * carriage_velocity**2\n"
+    )
+    other = f"{tmp_path}/own.py:cost"
+    tuned = [best_velocity_feedback(one).name for one in (SCENE, rewarded(SCENE, other))]
+    assert tuned[0] != tuned[1]
+    run = Run("around", tmp_path)
+    fields = {"task": "CarriageForce", "changes": EXACT, "base": "velocity-feedback"}
+    run.open(TrainSettings(**fields, name="around"))
+    policy_of([5, 2, 1], "tanh").save(run.policy)
+    scored = []
+    monkeypatch.setattr(
+        command, "report", lambda controllers, scene, *_: scored.append((controllers[-1], scene))
+    )
+    command.report_run(run, reward=other)
+    assert scored[0][0].base.name == tuned[0]
+    assert scored[0][1].own_reward is not None
+    assert law_of(str(run.folder), rewarded(SCENE, other), None).base.name == tuned[0]
+
+
+def test_reward_of_a_training_is_run_where_it_is_asked_for(reward, tmp_path):
+    run = Run("around", tmp_path)
+    fields = {"task": "CarriageForce", "changes": EXACT, "base": "no-control", "reward": reward}
+    run.open(TrainSettings(**fields, name="around"))
+    policy_of([5, 2, 1], "tanh").save(run.policy)
+    with pytest.raises(PolicyError, match="allow it with --trust"):
+        law_of(str(run.folder), SCENE, None)
+    assert law_of(str(run.folder), rewarded(SCENE, reward), None).name == str(run.folder)
 
 
 def negative(carriage_displacement):

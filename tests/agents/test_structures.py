@@ -21,7 +21,7 @@ from agents.training import best as best_of
 from agents.training import own_scene, search, starts
 from agents.training.algorithm_settings import PPOSettings
 from agents.training.best import Best
-from agents.training.config import TrainSettings
+from agents.training.config import TrainSettings, settings_from_command_line
 from agents.training.ending import read_ending
 from agents.training.misfits import misfits
 from agents.training.parts import Parts, agent_of, make_parts
@@ -327,6 +327,38 @@ def test_settings_of_a_descent_follow_from_the_scene_unless_asked_for():
     asked = GradientSettings.of({**given, "episodes": 7, "horizon": 50.0, "rate": 0.001})
     found = fitted(asked, scene)
     assert (found.episodes, found.horizon, found.rate) == (7, 50.0, 0.001)
+
+
+def test_flag_of_a_default_is_kept_and_what_is_chosen_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    words = ["--scene", str(FOLDER / "platform.toml"), "--time-budget", "1e-3"]
+    flags = ["--episodes", "256", "--iterations=600", "--floor", "0.05"]
+    given: list[Descent] = []
+    for more in ([], flags):
+        monkeypatch.setattr("sys.argv", ["descend", *words, *more])
+        settings = settings_from_command_line(GradientSettings, "")
+        given.append(Descent(settings, settings.rewarded_scene()))
+    chosen, asked = given
+    assert (chosen.total, chosen.settings.episodes) == (np.inf, 64_000 // 2000)
+    assert (asked.total, asked.settings.episodes) == (600, 256)
+    assert (chosen.settings.rate, asked.settings.rate) == (0.012, 0.012)
+    run = Run("chosen", tmp_path)
+    run.open(chosen.settings)
+    assert run.read()["settings"]["episodes"] == 32
+
+
+def test_flag_of_a_default_is_kept_by_reinforcement_learning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    words = ["train", "--scene", str(FOLDER / "stage.toml"), "--base", "none"]
+    found: list[float] = []
+    for more in ([], ["--ppo.discount", str(PPOSettings().discount)]):
+        monkeypatch.setattr("sys.argv", [*words, *more])
+        settings = settings_from_command_line(TrainSettings, "")
+        found.append(own_scene.for_own_scene(settings, Run("new", tmp_path)).ppo.discount)
+    assert found == [own_scene.discount_of(structure("stage")), PPOSettings().discount]
+    assert found[0] != found[1]
 
 
 def test_slopes_of_tuned_springs_are_followed_for_a_third_of_the_time():
