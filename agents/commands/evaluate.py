@@ -128,10 +128,11 @@ def report_run(
     join the baselines. The reward, FILE.py:NAME, is by default the one that the run was trained
     for. The reference baseline is the first, the learned agent the last.
     """
+    settings = run.read()["settings"]
     if policy is None:
         run.require_finished()
     if reward is None:
-        parts = recorded_parts(run.scene(), run.read()["settings"], trust=trust)
+        parts = recorded_parts(run.scene(), settings, trust=trust)
         scene = parts.scene
     else:  # asked for, so its file may be run, and the run's own only where a part is tuned by it
         scene = rewarded(run.scene(), reward)

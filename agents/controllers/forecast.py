@@ -72,7 +72,8 @@ class PushForecast:
     """Predict what the disturbance adds to the motion in each control step.
 
     Noise that a filter shapes, on the carriage or the ground, by the filter's state; see
-    `ExcitationFilter`. Other excitation as the force of a `Forecast`.
+    `ExcitationFilter`. Nothing else is predicted then. Without such noise, as the force of a
+    `Forecast`.
     """
 
     def __init__(self, scene: Scene) -> None:
