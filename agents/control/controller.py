@@ -93,11 +93,6 @@ class Law(ABC):
             (lanes, k): force [N], stretch [-] and damping [N s/m] that the actuators have.
         """
 
-    @property
-    def remembers(self) -> bool:
-        """Whether an action depends on more than the present state."""
-        return bool(self.begin(1))
-
 
 class StateSource(ABC):
     """What tells a law the state: the truth, or an estimate from the observation."""

@@ -15,7 +15,7 @@ from agents.controllers.forecast import Forecast
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.noise import Noise
 from agents.controllers.registry import Entry
-from agents.controllers.tuned import best_without_memory, classical_laws
+from agents.controllers.tuned import best_law, classical_laws
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
 
@@ -179,7 +179,7 @@ ENTRIES = (
     Entry(
         "predictive-control",
         (),
-        lambda scene: predictive_control(scene, best_without_memory(scene, classical_laws(scene))),
+        lambda scene: predictive_control(scene, best_law(scene, classical_laws(scene))),
         3,
         "any",
     ),

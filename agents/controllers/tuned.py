@@ -79,10 +79,6 @@ def further_laws(scene: Scene) -> list[Controller]:
     return designed(scene, makers(scene, "further"))[0]
 
 
-def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
-    """Return the law of least cost among those that depend on the present state alone.
-
-    Where there is none, it is no control.
-    """
-    simple = [controller for controller in laws if not controller.law.remembers]
-    return min(simple or [uncontrolled(scene)], key=lambda one: validation_cost(scene, one)).law
+def best_law(scene: Scene, laws: Sequence[Feedback]) -> Law:
+    """Return the law of least cost; where there is none, no control."""
+    return min(laws or [uncontrolled(scene)], key=lambda one: validation_cost(scene, one)).law

@@ -12,7 +12,7 @@ from agents.controllers.noise import RandomActions
 from agents.controllers.predictive_control import predictive_control
 from agents.controllers.registry import Tunable, entries
 from agents.controllers.tuned import (
-    best_without_memory,
+    best_law,
     classical_laws,
     designed,
     further_laws,
@@ -143,7 +143,7 @@ def adapted(scene: Scene, tunable: Tunable, generator: np.random.Generator, epis
 def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
     """Return all controllers that can be designed for the scene, each behind its role."""
     laws = classical_laws(scene)
-    best = best_without_memory(scene, laws)
+    best = best_law(scene, laws)
     further = [*designed(scene, makers(scene, "filter"))[0], *further_laws(scene)]
     predictive = {"predictive control": lambda scene: predictive_control(scene, best)}
     return [

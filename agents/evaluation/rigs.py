@@ -16,7 +16,7 @@ from agents.controllers.h_infinity import HInfinity
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.predictive_control import predictive_control
 from agents.controllers.registry import entries
-from agents.controllers.tuned import best_without_memory, classical_laws, further_laws
+from agents.controllers.tuned import best_law, classical_laws, further_laws
 from agents.controllers.with_observer import WithObserver
 from agents.evaluation.headroom import controllers_of, interval
 from agents.evaluation.plans import Effort, Planner
@@ -141,7 +141,7 @@ def tuned(scene: Scene) -> list[Feedback]:
     """Return the laws, tuned with the scene's own sensors, predictive control last."""
     laws = classical_laws(scene)
     further = [law for law in further_laws(scene) if isinstance(law, Feedback)]
-    return [*laws, *further, predictive_control(scene, best_without_memory(scene, laws))]
+    return [*laws, *further, predictive_control(scene, best_law(scene, laws))]
 
 
 def compare(scene: Scene, laws: Sequence[Feedback]) -> list[tuple[str, float | None, float | None]]:

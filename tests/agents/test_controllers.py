@@ -18,6 +18,7 @@ from tasks import (
 )
 
 from agents.control.actuators import GRID, Command, Lead
+from agents.control.controller import part
 from agents.control.disturbance import ForceObserver
 from agents.control.feedback import Feedback, TrueState
 from agents.controllers.clipped_lqr import ClippedLQR
@@ -36,7 +37,7 @@ from agents.controllers.noise import RandomActions
 from agents.controllers.phase_law import PhaseLaw, best_phase_law
 from agents.controllers.predictive_control import SEARCH, PredictiveControl
 from agents.controllers.resetting_stiffness import ResettingStiffness
-from agents.controllers.tuned import baselines, classical_laws, further_laws, makers
+from agents.controllers.tuned import baselines, best_law, classical_laws, further_laws, makers
 from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 
@@ -276,6 +277,24 @@ def test_predictive_control_is_better_than_its_law_without_knowing_the_disturban
     planned = evaluate(scene, Feedback(scene, PredictiveControl(scene, law, search)), episodes=40)
     assert planned.reads == "observation"
     assert planned.cost < 0.98 * alone.cost
+
+
+def test_plans_begin_as_the_best_law_and_leave_alone_what_it_remembers() -> None:
+    tracking = FrequencyTracking(PRE_STRETCH, LinearPrediction(PRE_STRETCH))
+    phase = PhaseLaw(PRE_STRETCH, 4.8)
+    law = best_law(PRE_STRETCH, [Feedback(PRE_STRETCH, one) for one in (phase, tracking)])
+    assert law is tracking
+    planned = PredictiveControl(PRE_STRETCH, law, replace(SEARCH, horizon=8, plans=8))
+    env = MovingMassVectorEnv(PRE_STRETCH, 3)
+    _, info = env.reset(seed=3)
+    memory, alone = planned.begin(3), law.begin(3)
+    for _ in range(40):
+        seen = info["state"], info["applied"]
+        (action, memory), (_, alone) = planned.action(memory, *seen), law.action(alone, *seen)
+        *_, info = env.step(action)
+        own = part(memory, "law")
+        assert own.keys() == alone.keys()
+        assert all(np.array_equal(own[name], alone[name], equal_nan=True) for name in own)
 
 
 def test_predicted_force_of_a_harmonic_is_the_force() -> None:

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 
-from agents.control.feedback import Both, Feedback, TrueState
+from agents.control.feedback import Both, Feedback
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.feedforward_lqr import FeedforwardLQR
 from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import laws
-from agents.controllers.tuned import best_without_memory
 from agents.scoring import evaluate
 from mm_gym import DesignError, Scene
 
@@ -58,11 +57,6 @@ def test_commands_know_its_name_where_there_is_noise():
     assert set(laws(HYBRID)) - set(laws(still)) == {"feedforward-lqr-and-clipped-lqr"}
     law = laws(HYBRID)["feedforward-lqr-and-clipped-lqr"](HYBRID)
     assert law.name.startswith("LQR with feed-forward + clipped LQR")
-
-
-def test_expectation_is_a_memory():
-    law = Feedback(HYBRID, Both(FeedforwardLQR(HYBRID), ClippedLQR(HYBRID, 1.25, 1.1)), TrueState())
-    assert best_without_memory(HYBRID, [law]).name == "no control"
 
 
 @pytest.mark.parametrize(
