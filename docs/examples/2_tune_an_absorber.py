@@ -2,8 +2,8 @@
 Tune an absorber
 ================
 
-The smallest largest amplitude that a passive absorber can reach, from the frequency response of the
-bare, the untuned and the tuned structure.
+The lowest peak that a passive absorber can reach, in the frequency responses of the bare, the
+untuned and the tuned structure.
 """
 
 import matplotlib.pyplot as plt
