@@ -1,10 +1,10 @@
 """Hysteresis after Bouc and Wen: the interface's force depends on its own past.
 
-    F = c w + alpha k u + (1 - alpha) k u_y z
-    z' = (w - |z|^n (beta |w| sgn z + (1 - beta) w)) / u_y
+    F = c w + a k xi + (1 - a) k u_y z
+    z' = (w - |z|^n (b |w| sgn z + (1 - b) w)) / u_y
 
-with the offset u and a state z of its own, -1 <= z <= 1. Y. K. Wen, *Method for random vibration of
-hysteretic systems*, J. Eng. Mech. Div. ASCE 102 (1976). With beta >= 1/2 it never gives more energy
+with the offset xi and its own state z, -1 <= z <= 1. Y. K. Wen, *Method for random vibration of
+hysteretic systems*, J. Eng. Mech. Div. ASCE 102 (1976). With b >= 1/2 it never gives more energy
 than it has taken: Erlicher and Point, Comptes Rendus Mecanique 332 (2004).
 """
 

@@ -1,8 +1,8 @@
 """Linear springs with a cubic term, in value form: a part of the interface that they act with.
 
-    s = k2 (1 + beta xi^2) xi
+    s = k2 (1 + gamma xi^2) xi
 
-with the offset xi. Beta is at least 0: springs that soften would let the sphere escape.
+with the offset xi. Gamma is at least 0: springs that soften would let the sphere escape.
 """
 
 from __future__ import annotations

@@ -113,11 +113,11 @@ class BoucWen(Part):
     yield_displacement: Positive
     """u_y [m]"""
     stiffness_ratio: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """alpha [-]: stiffness long after yielding over that before"""
+    """a [-]: stiffness long after yielding over that before"""
     exponent: Annotated[float, Field(ge=1)] = 2.0
     """n [-]: sharpness of the yielding; larger is sharper"""
     shape: Annotated[float, Field(ge=0.5)] = 0.5
-    """beta [-]: 1/2 unloads as stiff as before yielding; less would be a source of energy"""
+    """b [-]: 1/2 unloads as stiff as before yielding; less would be a source of energy"""
     damping: NonNegative = 0.0
     """c [N s/m]"""
 
@@ -173,13 +173,13 @@ class NoSprings(Part):
 
 
 class LinearSprings(Part):
-    """Plain springs, whose total force is k2 (1 + beta offset^2) offset, with offset x2 - x1."""
+    """Plain springs, whose total force is k2 (1 + gamma xi^2) xi, with xi = x2 - x1."""
 
     kind: Literal["linear"] = "linear"
     stiffness: Positive
     """k2 [N/m]"""
     cubic_coefficient: NonNegative = 0.0
-    """beta [1/m^2]: the springs stiffen with the offset; needs an interface without dry friction"""
+    """gamma [1/m^2]: the springs stiffen with xi; needs an interface without dry friction"""
 
 
 class SmallOnLarge(Part):
