@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 
-from mm_gym.scene.scene import Scene
+from mm_gym.scene.schema import scene_schema
 
 HEADER = """# Scene fields
 
@@ -17,9 +18,8 @@ BOUNDS = {
     "minimum": "at least {}",
     "exclusiveMaximum": "below {}",
     "maximum": "at most {}",
-    "minItems": "at least {} entries",
+    "minItems": "at least {}",
     "maxItems": "at most {} entries",
-    "maxLength": "at most {} characters",
 }
 
 DIGITS = 7
@@ -30,16 +30,15 @@ Node = dict[str, object]
 
 def scene_fields() -> str:
     """Return the page: a section for each table of a scene file, one for each of its kinds."""
-    schema = Scene.model_json_schema()
+    schema = json.loads(scene_schema())
     parts = [HEADER]
     for name, field in schema["properties"].items():
         models = [schema["$defs"][one] for one in _references(field)]
         parts.append(f"## {name}\n\n{_sentence(field.get('description', ''))}\n")
         for model in models:
             kind = model["properties"].get("kind", {}).get("const")
-            title = f'`{name}.kind = "{kind}"`' if kind else f"`{model['title']}`"
-            if len(models) > 1 or kind:
-                parts.append(f"### {title}\n")
+            if kind:
+                parts.append(f'### `{name}.kind = "{kind}"`\n')
             parts.append(
                 f"{_paragraphs(model.get('description', ''))}\n\n{_table(model, schema)}\n"
             )
@@ -93,6 +92,8 @@ def _allowed(field: Node) -> str:
         return " or ".join(dict.fromkeys(choices))
     if "enum" in field:
         return ", ".join(f"`{one}`" for one in field["enum"])
+    if field.get("minItems") == field.get("maxItems") == 2:  # noqa: PLR2004 - the ends of a range
+        return "[low, high]"
     bounds = [text.format(_value(field[key])) for key, text in BOUNDS.items() if key in field]
     kind = {"array": "list", "object": "table"}.get(field.get("type", ""), field.get("type", ""))
     inner = field.get("items", {})
