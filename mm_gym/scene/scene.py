@@ -133,6 +133,7 @@ class Solver(Part):
     """Method and accuracy of the propagation; see `docs/numerics.md`."""
 
     method: MethodName = "auto"
+    """what propagates the motion; "auto" chooses by the scene and the tolerance"""
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-9
     """bound of the relative error over a control step, for the methods that take a tolerance"""
     substeps: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
