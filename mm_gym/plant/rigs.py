@@ -27,7 +27,8 @@ def over_rigs(
     Parameters
     ----------
     scene
-        The scene. What it states stays the middle of masses, stiffnesses, damping and friction.
+        The scene. What it states stays the middle of masses, stiffnesses, damping and friction; a
+        range that it draws from becomes wider.
     spread
         Largest relative deviation of each of these [-], independent of the others.
     delay
@@ -48,23 +49,26 @@ def over_rigs(
     ranges: dict[str, tuple[float, float]] = {}
     for name, (low, high) in _unsure(scene):
         ranges[name] = _short(low * (1.0 - spread)), _short(high * (1.0 + spread))
-    ranges[DELAY] = 0.0, float(delay)
+    drawn = max(scene.randomization.get(DELAY, (0.0,)))
+    ranges[DELAY] = 0.0, max(float(delay), drawn)
     for channel in compile_scene(scene).observed:
         if channel.name not in REPORTED and noise > 0.0:
+            field = f"sensors.noise.{channel.name}"
             own = scene.sensors.noise.get(channel.name, 0.0)
-            ranges[f"sensors.noise.{channel.name}"] = own, _short(own + noise / channel.factor)
+            low, high = bounds(scene.range_of(field, own))
+            ranges[field] = low, _short(high + noise / channel.factor)
     for name, actuator in scene.actuation:
         if actuator is not None and lag > 0.0:
-            most = _short(actuator.lag + lag * scene.control.time_step)
-            ranges[f"actuation.{name}.lag"] = actuator.lag, most
+            low, high = bounds(scene.range_of(f"actuation.{name}.lag", actuator.lag))
+            ranges[f"actuation.{name}.lag"] = low, _short(high + lag * scene.control.time_step)
     of_rig = ("sensors.", "actuation.")
-    stated = {
+    middle = {
         name: _short(0.5 * (low + high))
         for name, (low, high) in ranges.items()
         if name.startswith(of_rig) and name != DELAY
     }
     return scene.replace(
-        **{DELAY: (delay + 1) // 2}, **stated, randomization={**scene.randomization, **ranges}
+        **{DELAY: (delay + 1) // 2}, **middle, randomization={**scene.randomization, **ranges}
     )
 
 

@@ -52,6 +52,17 @@ def test_what_a_scene_states_is_the_middle_of_the_rigs():
         assert compile_scene(scene).delay == scene.sensors.delay == 1
 
 
+def test_ranges_that_a_scene_draws_from_become_wider():
+    scene = load_scene("mm_gym/CarriageForce-v0")
+    drawn = {"sensors.delay": (0.0, 4.0), "actuation.force.lag": (0.0, 0.02)}
+    drawn["sensors.noise.carriage_velocity"] = (0.0, 0.1)
+    scene = scene.replace(**{"actuation.force.lag": 0.01, "randomization": drawn})
+    found = over_rigs(scene).randomization
+    assert found["sensors.delay"] == (0.0, 4.0)
+    assert found["actuation.force.lag"] == (0.0, 0.02 + scene.control.time_step)
+    assert found["sensors.noise.carriage_velocity"][1] > 0.1
+
+
 def test_the_distribution_can_be_another():
     scene = load_scene("mm_gym/CarriageForce-v0")
     narrow = over_rigs(scene, spread=0.0, delay=0, noise=0.0, lag=0.0)
