@@ -24,7 +24,9 @@ def linear_base(base: Controller, scene: Scene) -> Array | None:
     """Return gains and constants (k, n + 1) of a base, or None if it is not a linear law.
 
     A law is linear if its clipped action is that of its gains on random observations, small and
-    large, whatever went before: so one that remembers is not, nor one that switches.
+    large, whatever went before: so one that switches is not. Nor is one whose own memory still
+    changes after the first step, as a count of steps does: it may act otherwise later. What a
+    source remembers to estimate the state shows within those steps.
     """
     if base.reads != "observation":
         return None
@@ -35,6 +37,7 @@ def linear_base(base: Controller, scene: Scene) -> Array | None:
     generator = np.random.default_rng(0)
     gains = None
     for _ in range(STEPS):
+        before = memory
         sizes = generator.choice([SMALL, 0.01, 1.0], (ASKED, 1))
         drawn = sizes * generator.standard_normal((ASKED, observed))
         asked = np.vstack([np.zeros(observed), SMALL * np.eye(observed), drawn]).astype(np.float32)
@@ -47,7 +50,9 @@ def linear_base(base: Controller, scene: Scene) -> Array | None:
         if not np.allclose(proposed, wanted, rtol=0.0, atol=CLOSE):
             return None
         memory = base.note(memory, proposed)
-    return gains
+    own = [name for name in memory if not name.startswith("source/")]
+    changed = any(not np.array_equal(memory[name], before[name]) for name in own)
+    return None if changed else gains
 
 
 def residual(policy: Policy, gains: Array, authority: float) -> Policy:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exported import POLICIES, episodes_for, in_c, in_numpy, in_onnx, policy_of
-from tasks import CARRIAGE_FORCE
+from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 
 from agents.commands import export as command
 from agents.control.controller import Law
@@ -135,9 +135,31 @@ class Remembering(Law):
         return memory["last"] + state[:, 2:3], {"last": state[:, 2:3]}
 
 
-@pytest.mark.parametrize("law", [Switching(), Remembering()])
+class Counting(Law):
+    def begin(self, lanes):
+        return {"step": np.zeros(lanes)}
+
+    def action(self, memory, state, _):
+        fades = 1.0 - (memory["step"] > 100)
+        return fades[:, None] * state[:, 2:3], {"step": memory["step"] + 1}
+
+
+@pytest.mark.parametrize("law", [Switching(), Remembering(), Counting()])
 def test_law_that_switches_or_remembers_is_not_taken_for_a_linear_one(law):
     assert linear_base(Feedback(CARRIAGE_FORCE, law), CARRIAGE_FORCE) is None
+
+
+@pytest.mark.parametrize("name", ["linear-prediction", "short-time-fourier"])
+def test_law_that_waits_for_its_window_is_not_taken_for_a_constant(name):
+    channels = ["carriage_displacement", "sphere_offset", "carriage_velocity", "slip_velocity"]
+    with pytest.raises(SceneError, match="allowed for an export"):
+        controller_policy(name, PRE_STRETCH.replace(**{"sensors.channels": channels}))
+
+
+def test_actuator_that_is_held_from_the_first_step_on_is_a_constant():
+    (force, stretch) = linear_base(base_controller(HYBRID, "no-control"), HYBRID)
+    assert not force.any()
+    assert not stretch[:-1].any()
 
 
 def test_law_that_is_linear_but_for_a_constant_is_found():
