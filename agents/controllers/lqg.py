@@ -53,6 +53,7 @@ class LQGDesign:
     regulated: tuple[int, ...]  # states that the cost depends on, and that are fed back
     gain: Array  # (n,) [N per unit]; zero for all other states
     filters: Array  # (steps, n, p): the gain in each step, of which the last is the stationary one
+    start: Array  # (n,): mean of the state when an episode begins
     error: Array  # (n, n): stationary covariance of the estimate's error
     cost: float  # expected mean of -reward per step [-], in the long run and without limits
 
@@ -94,14 +95,14 @@ def design_lqg(
     floor = [(FLOOR / channel.factor) ** 2 for channel in shown]
     sensors = system.sensor_noise + np.diag(floor)
     units = state_units(scene, plant, system), np.array([1.0 / channel.factor for channel in shown])
-    start = _initial(scene, system)
-    covariances, steps = (noise, sensors, start), scene.control.steps
+    start, spread = _initial(scene, system)
+    covariances, steps = (noise, sensors, spread), scene.control.steps
     filters, error = _filter(system, gain != 0.0, covariances, units=units, steps=steps)
     rows = np.ix_(regulated, regulated)
     own = gain[list(regulated)]
     cost = float(np.sum(riccati * system.process_noise[rows]))
     cost += float(curvature * own @ error[rows] @ own)
-    return LQGDesign(system, regulated, gain, filters, error, cost)
+    return LQGDesign(system, regulated, gain, filters, start, error, cost)
 
 
 def design_filter(
@@ -225,22 +226,25 @@ def _unmodelled(scene: Scene, part: float, size: int) -> Array:
     return (part * spread) ** 2
 
 
-def _initial(scene: Scene, system: LinearSystem) -> Array:
-    """Return the covariance of the state when an episode begins."""
+def _initial(scene: Scene, system: LinearSystem) -> tuple[Array, Array]:
+    """Return the mean and the covariance of the state when an episode begins."""
     ranges = scene.initial
+    values = (
+        ranges.carriage_displacement,
+        ranges.sphere_offset,
+        ranges.carriage_velocity,
+        ranges.sphere_velocity,
+    )
     spreads = [
-        (value[1] - value[0]) ** 2 / 12.0 if isinstance(value, tuple) else 0.0
-        for value in (
-            ranges.carriage_displacement,
-            ranges.sphere_offset,
-            ranges.carriage_velocity,
-            ranges.sphere_velocity,
-        )
+        (value[1] - value[0]) ** 2 / 12.0 if isinstance(value, tuple) else 0.0 for value in values
     ]
     names = [signal.name for signal in system.states]
+    mean = np.zeros(len(names))
+    mean[:4] = [np.mean(value) for value in values]
+    mean[1] += mean[0]  # x2 is x1 and the offset
     covariance = np.zeros_like(system.A)
     covariance[:4, :4] = np.diag(spreads)
-    covariance[1, :2] = spreads[0], spreads[0] + spreads[1]  # x2 is x1 and the offset
+    covariance[1, :2] = spreads[0], spreads[0] + spreads[1]
     covariance[0, 1] = spreads[0]
     for k in [k for k, name in enumerate(names) if name.endswith((".cosine", ".sine"))]:
         covariance[k, k] = 0.5
@@ -257,7 +261,7 @@ def _initial(scene: Scene, system: LinearSystem) -> Array:
         own = next(row for row in first if names[row].partition("[")[0] == channel)
         copies[k] = 0.0
         copies[k, : late[0]] = system.A[own, : late[0]]
-    return copies @ covariance @ copies.T
+    return copies @ mean, copies @ covariance @ copies.T
 
 
 def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Array:
@@ -353,7 +357,7 @@ class LQG(Controller):
         self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs])
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
-        estimate = np.zeros((env.num_envs, len(self.design.system.A)))
+        estimate = np.tile(self.design.start, (env.num_envs, 1))
         return {"step": np.zeros(env.num_envs, np.int64), "estimate": estimate}
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:

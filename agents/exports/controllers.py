@@ -64,7 +64,8 @@ def residual(policy: Policy, gains: Array, authority: float) -> Policy:
 def controller_policy(name: str, scene: Scene) -> Policy:
     """Return a controller of a scene, by its name, as a policy.
 
-    Raise `SceneError` if there is no such controller, or it is none that can be written as layers.
+    Raise `SceneError` if there is no such controller, it is none that can be written as layers, or
+    an LQG's estimate does not begin at 0.
     """
     controller = base_controller(scene, name)
     if type(controller) is LQG:  # one with a spring at the rail's ends is not linear
@@ -88,8 +89,15 @@ def _clipped(gains: Array) -> tuple[Dense, Clip]:
 def _stationary(controller: LQG, scene: Scene) -> Policy:
     """Return an LQG with the stationary gain of its filter, in units that suit single precision.
 
-    The filter's estimate is a linear memory that knows the clipped action.
+    The filter's estimate is a linear memory that knows the clipped action. Raise `SceneError` where
+    episodes begin about another state than 0, as the memory does not.
     """
+    if controller.design.start.any():
+        msg = (
+            "initial: got motions whose mean is not 0; allowed for an export of the LQG: ranges "
+            "about 0, at which its memory begins"
+        )
+        raise SceneError(msg)
     plant, design, limit = compile_scene(scene), controller.design, controller.limit
     system = design.system
     units = state_units(scene, plant, system)

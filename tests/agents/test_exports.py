@@ -108,6 +108,12 @@ def test_lqg_is_exported_with_its_stationary_filter(tmp_path):
     )
 
 
+def test_lqg_whose_estimate_begins_elsewhere_is_refused():
+    scene = CARRIAGE_FORCE.replace(initial={"carriage_displacement": 0.01})
+    with pytest.raises(SceneError, match=r"initial: got motions whose mean is not 0; allowed"):
+        controller_policy("lqg", scene)
+
+
 @pytest.mark.parametrize(
     ("task", "name"), [("PreStretchShock", "clipped-lqr"), ("ActiveMassDamper", "weighted-lqg")]
 )

@@ -89,6 +89,19 @@ def test_without_noise_and_late_it_costs_what_the_regulator_of_the_true_state_do
     assert (expected.reads, found.reads) == ("full state", "observation")
 
 
+@pytest.mark.parametrize("delay", [0, 2])
+def test_where_episodes_begin_is_known_also_if_it_is_not_0(delay):
+    # A state that is known from the start needs no frame, so the gain is 0 at first.
+    initial = {"carriage_displacement": 0.01, "sphere_offset": 0.02}
+    begun = CARRIAGE_FORCE.replace(initial=initial)
+    late = begun.replace(**{"sensors.delay": delay})
+    law = LQG(late)
+    assert not law.design.filters[0].any()
+    np.testing.assert_allclose(law.design.start[:4], [0.01, 0.03, 0.0, 0.0])
+    expected = evaluate(begun, Feedback(begun, LQR(begun), TrueState()), episodes=20).cost
+    assert evaluate(late, law, episodes=20).cost == pytest.approx(expected, rel=1e-3)
+
+
 def test_baselines_have_an_lqg_where_one_can_be_designed():
     assert "LQG" in [one.name for one in baselines(CARRIAGE_FORCE).controllers]
     found, not_scored = baselines(CARRIAGE_FORCE_FRICTION)
