@@ -23,6 +23,7 @@ from agents.errors import command
 from agents.exports.controllers import controller_policy, linear_base, residual
 from agents.network.c_source import c_source, seconds_of
 from agents.network.interface import Interface
+from agents.network.layers import Observer
 from agents.network.onnx import onnx_bytes
 from agents.policies import ENDINGS, AnyPolicy, PolicyError, load_policy
 from agents.training.ending import read_ending
@@ -110,6 +111,11 @@ def _of_run(run: Run, *, trust: bool) -> Exported:
         except SceneError as error:
             msg = f"{error}. {comment} The agent is in {run.policy}"
             raise PolicyError(msg) from error
+        if policy.find(Observer):
+            comment = (
+                f"It is the controller {ending.returned} with the stationary gain of its filter; "
+                "with the gains that vary at an episode's start it costs less than the run's agent."
+            )
         return Exported(policy, Interface.of_scene(scene), comment)
     if parts.base is None:
         return Exported(policy, Interface.of_scene(scene))
