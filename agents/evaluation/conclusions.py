@@ -74,8 +74,10 @@ class Comparison:
 def best_known(task: str, scene: Scene) -> float | None:
     """Return the least known cost over that of the best constant [-], from the committed scores.
 
-    It is None for a scene that has none.
+    It is None for a scene that has none, as one with an own reward.
     """
+    if scene.own_reward is not None:  # the digest leaves it out
+        return None
     scores = read_scores().get(task)
     if scores is None or scores["scene_digest"] != scene.digest:
         return None

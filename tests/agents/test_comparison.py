@@ -26,7 +26,7 @@ from agents.report.comparison import as_data, page, print_comparison, write_comp
 from agents.report.comparison_figures import _file_name, draw_aggregates, draw_intervals
 from agents.scoring import HELD_OUT_SEED, evaluate
 from agents.training.runs import RunError
-from mm_gym import SceneError, load_scene
+from mm_gym import SceneError, load_scene, rewarded
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -87,9 +87,14 @@ def test_score_is_zero_for_the_best_constant_and_one_for_the_best_known() -> Non
     assert good.score.value == pytest.approx((0.2 - 0.1) / (0.2 - ratio * 0.2), rel=1e-12)
 
 
+def square(carriage_velocity: float) -> float:
+    return carriage_velocity**2
+
+
 def test_a_scene_without_committed_scores_has_none(tmp_path, capsys) -> None:
     assert best_known(FORCE, CARRIAGE_FORCE.replace(**{"control.steps": 7})) is None
     assert best_known("mine.toml", CARRIAGE_FORCE) is None
+    assert best_known(FORCE, rewarded(CARRIAGE_FORCE, square)) is None
     changed = {FORCE: CARRIAGE_FORCE.replace(**{"control.steps": 7})}
     found = conclude(RESULTS[:1], changed, EPISODES)
     assert all(row.score is None for row in found.tables[FORCE])
