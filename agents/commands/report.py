@@ -37,6 +37,8 @@ class Arguments:
     """seeds of each subject: 5, or as many as the training has"""
     first_seed: int = HELD_OUT_SEED
     """seed of the first episode"""
+    reward: str | None = None
+    """a cost of your own, FILE.py:NAME, to score by in place of the objective: docs/scenes.md"""
     baselines: bool = True
     """compare with all classical controllers too"""
     processes: int = os.cpu_count() or 1
@@ -64,7 +66,7 @@ def write_report(subjects: Sequence[str], out: Path, arguments: Arguments | None
     wanted = arguments or Arguments(tuple(subjects))
     check_outputs([out])
     also = (BASELINES,) if wanted.baselines and BASELINES not in subjects else ()
-    compared = read_field((*subjects, *also), wanted.tasks)
+    compared = read_field((*subjects, *also), wanted.tasks, wanted.reward)
     episodes = Episodes.of_field(compared, wanted.seeds, wanted.episodes, first=wanted.first_seed)
     results = measure(compared, episodes, STUDIED, wanted.processes)
     page = report_page(compared, conclude(results, compared.scenes, episodes))

@@ -137,8 +137,9 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | No
     Without tasks and runs it is all tasks of mm_gym. On given tasks runs of one other scene are
     compared too; their label tells that scene. An own reward, FILE.py:NAME, scores all of them.
     Raise `SceneError` if a name is unknown or given twice, or applies to none of the tasks;
-    `RunError` if a run is missing or not over, runs of several scenes do not fit, or patterns of
-    runs have different numbers of them; `PolicyError` if a file is no policy.
+    `RunError` if a run is missing or not over, or was trained for an own reward and none is given,
+    runs of several scenes do not fit, or patterns of runs have different numbers of them;
+    `PolicyError` if a file is no policy.
     """
     twice = [text for text in texts if list(texts).count(text) > 1]
     if twice:
@@ -147,6 +148,8 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | No
     named = (BASELINES, *(text for text in texts if is_path(text) or text.endswith(ENDINGS)))
     paths = [text for text in texts if "*" in text or "/" in text or Path(text).is_dir()]
     runs = {text: finished_runs(text) for text in paths if text not in named}
+    if reward is None:
+        _require_objective(runs)
     scenes = {task: load_scene(task) for task in map(task_or_scene, tasks)}
     if not scenes:
         scenes = _scenes_of(runs) or {task: load_scene(task) for task in ids()}
@@ -193,6 +196,19 @@ def finished_runs(text: str) -> dict[str, Trained]:
         earlier = found.get(digest) or Trained(*_scene_of(run), ())
         found[digest] = replace(earlier, runs=(*earlier.runs, run))
     return found
+
+
+def _require_objective(runs: Mapping[str, Mapping[str, Trained]]) -> None:
+    """Raise `RunError` if a run was trained for an own reward, which its score would not tell."""
+    for of_scene in runs.values():
+        for run in [run for trained in of_scene.values() for run in trained.runs]:
+            own = run.read()["settings"].get("reward")
+            if own is not None:
+                msg = (
+                    f"{run.folder}: trained for the reward {own}; give --reward {own}, or another "
+                    "FILE.py:NAME, by which all that is compared is scored"
+                )
+                raise RunError(msg)
 
 
 def _scene_of(run: Run) -> tuple[str, Scene]:

@@ -25,7 +25,7 @@ from agents.policies import PolicyError, load_policy
 from agents.scoring import evaluate
 from agents.training.config import TrainSettings
 from agents.training.reinforcement import train
-from agents.training.runs import Run
+from agents.training.runs import Run, RunError
 from agents.value_iteration.iteration import IterateSettings, iterate
 from mm_gym import DesignError, MovingMassVectorEnv, OwnReward, SceneError, compile_scene, rewarded
 
@@ -186,6 +186,16 @@ def test_comparison_is_by_the_reward(reward):
     lqr = evaluate(rewarded(CARRIAGE_FORCE, OWN), law_of("lqr", CARRIAGE_FORCE, None), episodes=8)
     row = result.labels.index("lqr")
     np.testing.assert_array_equal(result.sample.penalties[row].ravel(), lqr.penalties)
+
+
+def test_run_of_an_own_reward_is_not_compared_by_the_objective(reward, tmp_path):
+    run = Run("own", tmp_path)
+    run.open(TrainSettings(task="CarriageForce", name="own", reward=reward))
+    policy_of([4, 2, 1], "tanh").save(run.policy)
+    with pytest.raises(RunError, match=r"own: trained for the reward .*own\.py:cost.*--reward"):
+        read_field([str(run.folder), "no-control"])
+    field = read_field([str(run.folder)], (), reward)
+    assert all(scene.own_reward is not None for scene in field.scenes.values())
 
 
 def test_flag_scores_a_controller(reward, tmp_path, monkeypatch, capsys):
