@@ -35,6 +35,7 @@ from mm_gym.tasks import ids, robust_ids, short_name
 FILE = SCORES.with_name("results.json")
 MOST_BYTES = 2**24  # largest file of results
 DIGITS = 5  # of the costs in the file: a cost on a page has four
+SAME = 1e-4  # largest relative difference of costs of one controller
 
 Costs = Annotated[list[Cost], Field(min_length=EPISODES, max_length=EPISODES)]
 """Of each held-out episode."""
@@ -66,6 +67,8 @@ class Reference(Scored):
 
     controller: str  # its name
     validation: Cost  # on the validation episodes
+    # On a variant, its cost over the more episodes of the file of scores, if it is known
+    listed: Cost | None = None
 
     @property
     def cost(self) -> float:
@@ -231,7 +234,7 @@ def save(results: Results, path: Path = FILE) -> None:
     """Write the file, a line a row."""
     tables = [
         f'"{name}": [\n' + ",\n".join(json.dumps(row) for row in rows) + "\n]"
-        for name, rows in results.model_dump().items()
+        for name, rows in results.model_dump(exclude_unset=True).items()
     ]
     write_text(path, "{\n" + ",\n".join(tables) + "\n}\n")
 
@@ -348,20 +351,21 @@ def _place(one: Training) -> tuple[int, int]:
 def with_references(results: Results) -> Results:
     """Return results with the best controller of each task that has a training.
 
-    One is scored where there is none, or it is another now. Raise `SceneError` or `RunError` if the
-    scores of tasks cannot be read, or are of another scene.
+    One is scored where there is none, or it or its cost is another now. Raise `SceneError` or
+    `RunError` if the scores of tasks cannot be read, or are of another scene.
     """
     found: list[Reference] = []
     known = {one.task: one for one in results.controllers}
     for task in dict.fromkeys(one.task for one in results.trainings):
         scene = load_scene(task)
-        name = _best_controller(task, scene)
-        if task in known and (known[task].controller, known[task].scene_digest) == (
-            name,
-            scene.digest,
-        ):
-            found.append(known[task])
-            continue
+        name, cost = _best_controller(task, scene)
+        listed = {} if task in ids() else {"listed": cost}
+        one = known.get(task)
+        if one is not None and (one.controller, one.scene_digest) == (name, scene.digest):
+            before = one.cost if task in ids() else one.listed
+            if before is None or np.isclose(before, cost, rtol=SAME, atol=0.0):
+                found.append(one.model_copy(update=listed))
+                continue
         controller = reference_controller(scene, name)
         result = evaluate(scene, controller, episodes=EPISODES)
         found.append(
@@ -372,6 +376,7 @@ def with_references(results: Results) -> Results:
                 episodes=_short(result.episode_costs),
                 controller=result.name,
                 validation=_short([validation_cost(scene, controller)])[0],
+                **listed,
             )
         )
     return results.model_copy(update={"controllers": found})
@@ -395,8 +400,8 @@ def _words(text: str) -> str:
     return text.lower().replace("-", " ")
 
 
-def _best_controller(task: str, scene: Scene) -> str:
-    """Return the name of the controller with the least cost among the scores of a task."""
+def _best_controller(task: str, scene: Scene) -> tuple[str, float]:
+    """Return the name and cost of the controller with the least among the scores of a task."""
     own = task in ids()
     scores = read_scores(tasks=[task])[task] if own else read_robustness().get(task, {})
     if scores.get("scene_digest") != scene.digest:
@@ -405,7 +410,8 @@ def _best_controller(task: str, scene: Scene) -> str:
         raise RunError(msg)
     roles, cost = (CLASSICAL, "cost") if own else (CONTROLLERS, "rigs")
     rows = [row for row in scores["rows"] if row["role"] in roles]
-    return min(rows, key=lambda row: row[cost])["controller"]
+    best = min(rows, key=lambda row: row[cost])
+    return best["controller"], best[cost]
 
 
 def cells_of(trainings: Iterable[Training]) -> list[Cell]:

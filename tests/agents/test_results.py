@@ -32,6 +32,7 @@ from agents.sweeps.results import (
     merged,
     read_results,
     save,
+    with_references,
 )
 from agents.sweeps.trials import EPISODES
 from agents.training.config import CONFIGS, read_settings
@@ -141,6 +142,36 @@ class TestFile:
             # Costs of episodes are rounded to five digits.
             assert one.controller == row["controller"]
             assert one.cost == pytest.approx(row["cost"], rel=1e-5)
+
+    def test_controller_is_scored_again_where_its_cost_is_another_now(self, monkeypatch):
+        asked = []
+
+        def made(scene, name):
+            asked.append(scene.digest)
+            return lqr(scene, name)
+
+        monkeypatch.setattr("agents.sweeps.results.reference_controller", made)
+        places = TASK, variant_of(TASK)
+        digests = [load_scene(task).digest for task in places]
+        rows = [
+            training(1.0, task=task, scene_digest=digest)
+            for task, digest in zip(places, digests, strict=True)
+        ]
+        known = [one for one in COMMITTED.controllers if one.task in places]
+        found = with_references(
+            COMMITTED.model_copy(update={"trainings": rows, "controllers": known})
+        )
+        assert not asked
+        of_task, of_variant = found.controllers
+        assert of_task.listed is None
+        assert of_variant.listed in {row["rigs"] for row in read_robustness()[places[1]]["rows"]}
+        stale = [
+            of_task.model_copy(update={"episodes": [1.001 * one for one in of_task.episodes]}),
+            of_variant.model_copy(update={"listed": 1.001 * of_variant.listed}),
+        ]
+        again = with_references(found.model_copy(update={"controllers": stale})).controllers
+        assert asked == digests
+        assert again[1].listed == of_variant.listed
 
     def test_published_is_the_median_of_the_seeds(self):
         published = {(row.task, row.algorithm): row for row in read_published().rows}
