@@ -14,7 +14,14 @@ from pathlib import Path
 from tqdm import tqdm
 
 from agents.errors import command
-from agents.sweeps.trials import HERE, SweepSettings, check_scenes, result_file, write_results
+from agents.sweeps.trials import (
+    HERE,
+    SweepSettings,
+    check_scenes,
+    check_settings,
+    result_file,
+    write_results,
+)
 from agents.sweeps.workers import work_here, work_on_ray
 from agents.training.config import RunSettings
 from agents.training.ending import notes_of
@@ -33,14 +40,21 @@ def sweep(
     """Do the trainings that are left, of all or of some; return what went wrong, or None.
 
     Raise `SceneError` if a setting of a training is wrong, or a scene differs. No folder is made.
-    Raise `RunError` if another process is at work on this sweep.
+    Raise `RunError` if another process is at work on this sweep, or a finished training has other
+    settings.
     """
     trials = settings.trials() if trials is None else trials
     folder = Run(settings.name, root)
     with folder.locked():
         whole = folder.folder.resolve()
         check_scenes(trials, whole)
-        left = [trial for trial in trials if not result_file(Run(trial.name, whole)).exists()]
+        left: list[RunSettings] = []
+        for trial in trials:
+            run = Run(trial.name, whole)
+            if result_file(run).exists():
+                check_settings(trial, run)
+            else:
+                left.append(trial)
         problems: dict[str, str] = {}
         with tqdm(total=len(trials), initial=len(trials) - len(left), unit="training") as bar:
 

@@ -23,7 +23,14 @@ from agents.evaluation.headroom import CLASSICAL
 from agents.evaluation.rigs import CONTROLLERS, read_robustness, task_of, variant_of
 from agents.evaluation.scores import SCORES, Cost, read_scores
 from agents.scoring import evaluate, validation_cost
-from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of, read_score
+from agents.sweeps.trials import (
+    EPISODES,
+    LEARNERS,
+    Learner,
+    algorithm_of,
+    check_settings,
+    read_score,
+)
 from agents.training.config import RunSettings
 from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, RunError, read_checked
@@ -240,8 +247,12 @@ def save(results: Results, path: Path = FILE) -> None:
 
 
 def training_of(trial: RunSettings, folder: Path) -> Training:
-    """Return the row of a finished training; raise `RunError` if its files are damaged."""
+    """Return the row of a finished training.
+
+    Raise `RunError` if it has other settings, or its files are damaged.
+    """
     run = Run(trial.name, folder)
+    check_settings(trial, run)
     record, score = run.read(), read_score(run)
     steps, costs, seconds = run.validations()
     return Training(

@@ -18,7 +18,7 @@ from agents.scoring import evaluate
 from agents.training.algorithm_settings import Algorithm, Count
 from agents.training.config import Changes, RunSettings, TrainSettings, good_settings, short_name
 from agents.training.parts import agent_of, recorded_parts
-from agents.training.runs import Run, read_as
+from agents.training.runs import MOST_TOLD, NONE, Run, RunError, by_dotted_name, read_as
 from agents.value_iteration.iteration import IterateSettings, iterate
 from mm_gym import SceneError
 from mm_gym.errors import suggest
@@ -83,6 +83,8 @@ class Score(BaseModel, strict=True, allow_inf_nan=False):
     episodes: list[float]  # of each
     # The mean over them of the energy that changing the stretch put in [J], if it is actuated.
     injected: float | None
+    # The settings that were asked for; of an own scene, those of the record are measured.
+    asked: dict[str, JsonValue] | None = None
 
 
 class SweepSettings(Document):
@@ -278,7 +280,40 @@ def _scored_training(settings: RunSettings, run: Run) -> Score:
         cost=found.cost,
         episodes=found.episode_costs.tolist(),
         injected=None if found.injected is None else float(found.injected.mean()),
+        asked=_written(settings),
     )
+
+
+def check_settings(trial: RunSettings, run: Run) -> None:
+    """Refuse a finished training of other settings than are asked for.
+
+    What an earlier version scored has kept no settings: those of its record are compared, unless
+    the scene is one's own. Raise `RunError` if a setting differs, or a file is damaged.
+    """
+    asked = read_score(run).asked
+    if asked is None:
+        if trial.scene is not None:
+            return
+        asked = run.read()["settings"]
+    # A setting that there was not yet had its default.
+    before = by_dotted_name(_written(type(trial)())) | by_dotted_name(asked)
+    now = by_dotted_name(_written(trial))
+    other = [
+        f"{name} {before.get(name, NONE)}, now {now.get(name, NONE)}"
+        for name in dict.fromkeys((*now, *before))
+        if before.get(name) != now.get(name)
+    ]
+    if other:
+        told = "; ".join(other[:MOST_TOLD])
+        msg = (
+            f"{run.folder}: holds a finished training with other settings ({told}); "
+            "allowed: the same; begin another sweep with --name, or move the folder away"
+        )
+        raise RunError(msg)
+
+
+def _written(settings: RunSettings) -> dict[str, JsonValue]:
+    return json.loads(settings.model_dump_json())
 
 
 def variant_of(trial: RunSettings) -> str:

@@ -13,10 +13,11 @@ from agents.commands import sweep as command
 from agents.commands.sweep import sweep
 from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.settings import GradientSettings
+from agents.sweeps.results import training_of
 from agents.sweeps.trials import SweepSettings, algorithm_of, do_trial, write_results
 from agents.training.config import good_settings
 from agents.training.reinforcement import train
-from agents.training.runs import Run
+from agents.training.runs import Run, RunError
 from mm_gym import SceneError
 
 SMALL = {
@@ -264,6 +265,7 @@ def test_common_scene_reaches_every_algorithm_and_another_one_is_refused(tmp_pat
     assert {record["settings"]["scene"] for record in records} == {str(file)}
     assert {record["scene"]["carriage"]["mass"] for record in records} == {0.2}
     assert {record["scene"]["control"]["steps"] for record in records} == {20}
+    assert sweep(settings, tmp_path) is None  # done, though what was measured is in the records
     file.write_text(SCENE.replace("0.2", "0.3"))
     before = (tmp_path / "own" / "results.csv").read_bytes()
     more = settings.model_copy(update={"seeds": 2})
@@ -271,6 +273,41 @@ def test_common_scene_reaches_every_algorithm_and_another_one_is_refused(tmp_pat
         sweep(more, tmp_path)  # before it trains
     assert len(list((tmp_path / "own").glob("*-1"))) == 0
     assert (tmp_path / "own" / "results.csv").read_bytes() == before
+
+
+@pytest.mark.usefixtures("untuned")
+@pytest.mark.parametrize("is_own", [False, True])
+def test_finished_training_of_other_settings_is_refused(tmp_path, monkeypatch, is_own):
+    monkeypatch.setattr(command, "work_here", here)
+    (tmp_path / "own.toml").write_text(SCENE)
+    common = {"candidates": 4, "generations": 1, "episodes": 2, "evaluations": 1}
+    if is_own:
+        common["scene"] = str(tmp_path / "own.toml")
+    settings = SweepSettings(
+        tasks=("CarriageForce",), algorithms=("evolution",), settings=common, name="s"
+    )
+    other = settings.model_copy(update={"settings": common | {"generations": 2, "spread": 0.1}})
+    assert sweep(settings, tmp_path) is None
+    (file,) = (tmp_path / "s").glob("*/result.json")
+    told = rf"{file.parent}: .* \(generations 1, now 2; spread 0\.3, now 0\.1\)"
+    with pytest.raises(RunError, match=told):
+        sweep(other, tmp_path)
+    with pytest.raises(RunError, match=told):
+        training_of(other.trials()[0], tmp_path / "s")
+    data = json.loads(file.read_text())
+    del data["asked"]["spread"]  # as if there had been no such setting
+    file.write_text(json.dumps(data))
+    assert sweep(settings, tmp_path) is None
+    with pytest.raises(RunError, match=told):
+        sweep(other, tmp_path)
+    del data["asked"]  # as earlier versions wrote it
+    file.write_text(json.dumps(data))
+    assert sweep(settings, tmp_path) is None
+    if is_own:  # its record has what was measured
+        assert sweep(other, tmp_path) is None
+    else:
+        with pytest.raises(RunError, match=told):
+            sweep(other, tmp_path)
 
 
 def test_results_of_different_scenes_are_not_written_beside_each_other(tmp_path):
