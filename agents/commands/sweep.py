@@ -63,7 +63,8 @@ def sweep(
                 if problem is not None:
                     problems[left[number].name] = problem
 
-            work = [(trial.model_dump_json(), str(whole)) for trial in left]
+            # Without defaults: what is not asked for is measured on an own scene.
+            work = [(trial.model_dump_json(exclude_unset=True), str(whole)) for trial in left]
             try:
                 if settings.ray is None:
                     work_here(work, settings.processes, report)

@@ -275,6 +275,27 @@ def test_common_scene_reaches_every_algorithm_and_another_one_is_refused(tmp_pat
     assert (tmp_path / "own" / "results.csv").read_bytes() == before
 
 
+def test_processes_are_sent_what_is_asked_for_alone(tmp_path, monkeypatch):
+    sent = []
+    monkeypatch.setattr(command, "work_here", lambda work, *_: sent.extend(work))
+    (tmp_path / "own.toml").write_text(SCENE)
+    common = {"scene": str(tmp_path / "own.toml"), "time_budget": 5.0, "ppo.epochs": 3}
+    settings = SweepSettings(
+        tasks=("CarriageForce",), algorithms=("ppo", "gradient", "evolution"), settings=common
+    )
+    assert sweep(settings, tmp_path) is None
+    always = {"task": "mm_gym/CarriageForce-v0", "seed": 0}
+    always |= {key: common[key] for key in ("scene", "time_budget")}
+    ppo, gradient, evolution = (json.loads(text) for text, _ in sent)
+    for told in (ppo, gradient, evolution):
+        assert always.items() <= told.items()
+    assert ppo["ppo"] == {"epochs": 3}
+    assert not {"rate", "episodes", "iterations", "horizon", "floor"} & gradient.keys()
+    assert "generations" not in evolution
+    for trial, told in zip(settings.trials(), (ppo, gradient, evolution), strict=True):
+        assert type(trial).of(told) == trial
+
+
 @pytest.mark.usefixtures("untuned")
 @pytest.mark.parametrize("is_own", [False, True])
 def test_finished_training_of_other_settings_is_refused(tmp_path, monkeypatch, is_own):
