@@ -24,15 +24,14 @@ from agents.gradient.network import (
     shorten,
     with_oscillators,
 )
-from agents.gradient.settings import AVERAGED, STEEPEST, WARMED, GradientSettings, fitted, schedule
-from agents.network.layers import UNIT
+from agents.gradient.settings import AVERAGED, STEEPEST, WARMED, GradientSettings, schedule
 from agents.policies import Policy
 from agents.training.arrays import Arrays
 from agents.training.config import training_seeds
 from agents.training.network import Network as Evolved
 from agents.training.runs import Run
 from agents.training.scales import Scales
-from agents.training.starts import IN_WORDS, WEIGHTS_OF_MEMORY, Start, settling, start_of
+from agents.training.starts import WEIGHTS_OF_MEMORY, Start, settling
 from mm_gym import ActionError, Scene
 
 BIASES = ("bias", "last")
@@ -69,19 +68,15 @@ class Descent(Following):
 
     def __init__(self, settings: GradientSettings, scene: Scene) -> None:
         own = settings.scene is not None
-        settings = fitted(settings, scene) if own else settings
         super().__init__(settings, scene)
-        self.settings: GradientSettings = settings
+        settings = self.settings
         generator = np.random.default_rng(settings.seed)
-        start = start_of(scene, settings, generator)
-        self.began_as = IN_WORDS[start.law]
+        start = self._start(generator)
         start = settling(scene, start) if own else start
         start = with_oscillators(start, settings.oscillators, generator)
         self.odd = scene.actuation.names == ("force",)
         scales = Scales.measured(scene, start) if own else Scales.stated(start)
         evolved = Evolved(start, settings.hidden, odd=self.odd, scales=scales)
-        if not own or "floor" in settings.model_fields_set:
-            start.units[:, UNIT.index("floor")] = settings.floor
         self.start = evolved.policy(evolved.first(generator))
         self.parts = self._of_scenes(scene, STEEPEST if own and self.odd else MOST)
         self.network = self.parts[0][1]

@@ -1,12 +1,16 @@
-"""What the descents share: how far they trust a gradient, and what they keep."""
+"""What the descents share: where they start, how far they trust a gradient, what they keep."""
 
 from abc import abstractmethod
 from typing import ClassVar
 
 import numpy as np
 
+from agents.gradient.settings import GradientSettings, fitted
+from agents.network.layers import UNIT
 from agents.training.arrays import Arrays, part_of
 from agents.training.search import Search
+from agents.training.starts import IN_WORDS, Start, start_of
+from mm_gym import Scene
 
 DOUBTED, REGAINED = 0.5, 1.02
 """Factors of the trust after a gradient that is not finite, and after one that is."""
@@ -24,6 +28,19 @@ class Following(Search):
 
     unit: ClassVar[str] = "iteration"
     trust: float = 1.0
+
+    def __init__(self, settings: GradientSettings, scene: Scene) -> None:
+        settings = settings if settings.scene is None else fitted(settings, scene)
+        super().__init__(settings, scene)
+        self.settings: GradientSettings = settings
+
+    def _start(self, generator: np.random.Generator) -> Start:
+        """Return the start, note what it is, and set the floor unless the scene's is the best."""
+        start = start_of(self.scene, self.settings, generator)
+        self.began_as = IN_WORDS[start.law]
+        if self.settings.scene is None or "floor" in self.settings.model_fields_set:
+            start.units[:, UNIT.index("floor")] = self.settings.floor
+        return start
 
     @property
     @abstractmethod

@@ -17,7 +17,6 @@ from agents.gradient.network import with_oscillators
 from agents.gradient.settings import AVERAGED, GradientSettings, schedule
 from agents.network.layers import (
     GRU,
-    UNIT,
     Activation,
     Append,
     Clip,
@@ -31,7 +30,7 @@ from agents.network.module import Module
 from agents.network.policy import Policy
 from agents.training.arrays import Arrays
 from agents.training.config import training_seeds
-from agents.training.starts import IN_WORDS, Start, start_of
+from agents.training.starts import Start
 from mm_gym import ActionError, Scene
 from mm_gym.arrays import Array, Single
 from mm_gym.torch import Episodes
@@ -114,11 +113,9 @@ class RecurrentDescent(Following):
 
     def __init__(self, settings: GradientSettings, scene: Scene) -> None:
         super().__init__(settings, scene)
-        self.settings: GradientSettings = settings
+        settings = self.settings
         generator = np.random.default_rng(settings.seed)
-        start = start_of(scene, settings, generator)
-        start.units[:, UNIT.index("floor")] = settings.floor
-        self.began_as = IN_WORDS[start.law]
+        start = self._start(generator)
         self.episodes = Episodes(scene, settings.episodes, most=MOST)
         self.module = Module(with_cell(start, settings, generator))
         self.mean = {name: one.detach().clone() for name, one in self.module.trained.items()}

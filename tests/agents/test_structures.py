@@ -14,7 +14,9 @@ from agents.controllers.lqg import LQG, design_lqg
 from agents.controllers.registry import laws
 from agents.evolution.search import Evolution, EvolveSettings, evolve
 from agents.gradient.descent import Descent
+from agents.gradient.recurrent import RecurrentDescent
 from agents.gradient.settings import GradientSettings, fitted
+from agents.network.layers import Correlation
 from agents.policies import load_policy
 from agents.scoring import evaluate, validation_cost
 from agents.training import best as best_of
@@ -327,6 +329,17 @@ def test_settings_of_a_descent_follow_from_the_scene_unless_asked_for():
     asked = GradientSettings.of({**given, "episodes": 7, "horizon": 50.0, "rate": 0.001})
     found = fitted(asked, scene)
     assert (found.episodes, found.horizon, found.rate) == (7, 50.0, 0.001)
+
+
+def test_recurrent_descent_chooses_for_the_scene_as_the_other_does():
+    given = {"scene": str(FOLDER / "pre_stretch.toml"), "name": "p", "law": "switching"}
+    asked = GradientSettings.of({**given, "hidden": 2, "cell": 2, "time_budget": 1.0})
+    scene = asked.rewarded_scene()
+    other, search = Descent(asked, scene), RecurrentDescent(asked, scene)
+    assert search.settings == other.settings == fitted(asked, scene)
+    assert search.total == np.inf
+    units = [one.start.find(Correlation).units for one in (other, search.module)]
+    np.testing.assert_array_equal(*units)
 
 
 def test_flag_of_a_default_is_kept_and_what_is_chosen_is_recorded(
