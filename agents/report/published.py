@@ -91,11 +91,12 @@ def publish(
     done, runs
         The trainings that are finished here, and the folder that their runs are in.
     folder
-        Where the policies go. Policies of no row there are deleted.
+        Where the policies go. Those that its record names and that have no row now are deleted.
     """
     rows: dict[tuple[str, str], Row] = {}
     if (folder / RECORD).exists():
         rows = {(row.task, row.algorithm): row for row in read_published(folder).rows}
+    before = {row.file for row in rows.values() if row.file}
     here = {(one.task, algorithm_of(one), one.seed): Run(one.name, runs) for one in done}
     for cell in cells:
         run = here.get((cell.task, cell.algorithm, cell.median.seed))
@@ -121,10 +122,8 @@ def publish(
             authority=settings.get("authority", 0.0),
             scored=f"{cell.median.machine}, commit {cell.median.commit}",
         )
-    kept = {row.file for row in rows.values()}
-    for other in folder.glob("*.*"):
-        if other.suffix in {".safetensors", ".npz"} and other.name not in kept:
-            other.unlink()
+    for name in before - {row.file for row in rows.values()}:
+        (folder / name).unlink(missing_ok=True)
     tasks = [*ids(), *robust_ids()]
     places = sorted(rows, key=lambda place: (tasks.index(place[0]), LEARNERS.index(place[1])))
     found = Published(rows=[rows[place] for place in places])

@@ -63,7 +63,11 @@ def test_page_is_made_of_the_record():
 
 def test_what_has_no_training_here_stays_published(folder):
     before, first = read_published(folder), RECORDED.rows[0]
+    others = folder / "mine.safetensors", folder / "data.npz"
+    for other in others:
+        other.write_text("of no policy here")
     assert publish([], [], folder, folder) == before == read_published(folder)
+    assert all(other.exists() for other in others)
     assert (folder / first.file).read_bytes() == (FOLDER / first.file).read_bytes()
 
 
