@@ -148,6 +148,15 @@ def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, A
     return "; ".join(worse) or None
 
 
+def _with(file: Path, name: str, new: dict[str, Any]) -> dict[str, Any]:
+    """Return what a file has by now, and what is new of a task; the rest of its scene stays."""
+    scores = read_scores(file) if os.path.lexists(file) else {}
+    known = scores.get(name, {})
+    same = known.get("scene_digest") == new["scene_digest"]
+    scores[name] = (known if same else {}) | new
+    return {task: scores[task] for task in ids() if task in scores}
+
+
 @command
 def main(arguments: Arguments) -> str | None:
     """Score or check from the command line."""
@@ -162,17 +171,17 @@ def main(arguments: Arguments) -> str | None:
             better += filter(None, [check(name, scene, own, scores)])
             continue
         earlier = scores.get(name, {})
-        if arguments.preview and earlier and compile_scene(scene).support.sampled:
-            earlier["preview"] = preview(scene)
-            print(f"{name}: {earlier['preview']}")
-        elif not arguments.preview:
-            same = earlier.get("scene_digest") == scene.digest
-            known = earlier["rows"] if same else []
+        if arguments.preview:
+            if not earlier or not compile_scene(scene).support.sampled:
+                continue
+            new = {"scene_digest": earlier["scene_digest"], "preview": preview(scene)}
+            print(f"{name}: {new['preview']}")
+        else:
+            known = earlier["rows"] if earlier.get("scene_digest") == scene.digest else []
             rows = score(name, own, known, arguments.plans, arguments.seed)
             new = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
-            scores[name] = (earlier if same else {}) | new
-        ordered = {task: scores[task] for task in ids() if task in scores}
-        write_text(out, json.dumps(ordered, indent=1) + "\n")
+        scores = _with(out, name, new)
+        write_text(out, json.dumps(scores, indent=1) + "\n")
     if better:
         return "\n".join([*better, "make their plans starts: python -m agents headroom --runs RUN"])
     return None

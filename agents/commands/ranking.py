@@ -9,13 +9,12 @@ those of ``--tasks``, and ``--published`` the published policies. Then write ``d
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import tyro
 
-from agents.control.controller import Controller
 from agents.controllers.registry import Entry, entries, every_entry
 from agents.controllers.tuned import NOT_SCORED
 from agents.errors import command
@@ -25,10 +24,12 @@ from agents.evaluation.scores import SCORES, read_scores
 from agents.report.published import controller_of, read_published
 from agents.report.score_pages import RANKING, ranking_page
 from agents.training.runs import RunError
-from mm_gym import Scene, SceneError, load_scene
+from mm_gym import SceneError, load_scene
 from mm_gym.errors import suggest
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, task_called
+
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,8 @@ class Arguments:
     """score the published policies too, see docs/published.md"""
 
 
-def add_controllers(
-    scores: dict[str, dict[str, Any]], names: Sequence[str], tasks: Sequence[str]
-) -> None:
-    """Score classical controllers, and put them among the scores of their tasks."""
+def of_controllers(names: Sequence[str], tasks: Sequence[str]) -> Iterator[tuple[str, Row]]:
+    """Yield the tasks and rows of classical controllers."""
     known = sorted({entry.name for entry in every_entry()})
     for name in names:
         if name not in known:
@@ -59,19 +58,27 @@ def add_controllers(
         for entry in entries(scene):
             if entry.name not in names or entry.refuses(scene) is not None:
                 continue
-            rows = scores[task]["rows"]
             role = _role(entry)
             try:
                 row = scored(role, scene, entry.make(scene))
             except NOT_SCORED as error:
                 print(f"{task}: {entry.name}: not scored: {error}")
                 continue
-            kept = _without_numbers(row["controller"])
-            rows[:] = [one for one in rows if _without_numbers(one["controller"]) != kept]
-            before = {"constant", "passive", "law", role}
-            after = [k for k, one in enumerate(rows) if one["role"] in before]
-            rows.insert(after[-1] + 1, row)
             print(f"{task}: {row['controller']}: {row['cost']:.4f}", flush=True)
+            yield task, row
+
+
+def put(rows: list[Row], row: Row) -> None:
+    """Put a row in the place of its earlier score."""
+    if row["role"] == LEARNED:
+        rows[:] = [one for one in rows if one["controller"] != row["controller"]]
+        rows.append(row)
+        return
+    kept = _without_numbers(row["controller"])
+    rows[:] = [one for one in rows if _without_numbers(one["controller"]) != kept]
+    before = {"constant", "passive", "law", row["role"]}
+    after = [k for k, one in enumerate(rows) if one["role"] in before]
+    rows.insert(after[-1] + 1, row)
 
 
 def _without_numbers(name: str) -> str:
@@ -88,42 +95,38 @@ def _role(entry: Entry) -> str:
     return "informed" if entry.role == "informed" else "law"
 
 
-def add_runs(scores: dict[str, dict[str, Any]], text: str) -> None:
-    """Score runs, and put them among the scores of their tasks."""
+def of_runs(scores: dict[str, dict[str, Any]], text: str) -> Iterator[tuple[str, Row]]:
+    """Yield the tasks and rows of runs; raise `RunError` if the scores lack the scene of one."""
     for task, agents in agents_of((text,)).items():
         scene = load_scene(task)
         if task not in scores or scores[task]["scene_digest"] != scene.digest:
             msg = f"{text}: {task} has no scores to add to; run: python -m agents headroom {task}"
             raise RunError(msg)
         for agent in agents:
-            _add(scores[task]["rows"], scene, agent)
+            yield task, scored(LEARNED, scene, agent)
 
 
-def add_published(scores: dict[str, dict[str, Any]]) -> None:
-    """Score the published policies of tasks, and put them among the scores."""
+def of_published(tasks: Container[str]) -> Iterator[tuple[str, Row]]:
+    """Yield the tasks and rows of the published policies of some tasks."""
     for row in read_published().rows:
-        if row.file is not None and row.task in scores:
+        if row.file is not None and row.task in tasks:
             scene = load_scene(row.task)
             agent = controller_of(row, scene)
             agent.name = row.agent
-            _add(scores[row.task]["rows"], scene, agent)
-
-
-def _add(rows: list[dict[str, Any]], scene: Scene, agent: Controller) -> None:
-    """Score a trained agent in the place of its earlier score."""
-    rows[:] = [row for row in rows if row["controller"] != agent.name]
-    rows.append(scored(LEARNED, scene, agent))
+            yield row.task, scored(LEARNED, scene, agent)
 
 
 @command
 def main(arguments: Arguments) -> None:
     """Rank from the command line."""
     scores = read_scores(SCORES)
-    for text in arguments.runs:
-        add_runs(scores, text)
+    found = [one for text in arguments.runs for one in of_runs(scores, text)]
     if arguments.published:
-        add_published(scores)
-    add_controllers(scores, arguments.controllers, arguments.tasks)
+        found += of_published(scores)
+    found += of_controllers(arguments.controllers, arguments.tasks)
+    scores = read_scores(SCORES, [task for task, _ in found])  # others may have written to it
+    for task, row in found:
+        put(scores[task]["rows"], row)
     write_text(SCORES, json.dumps(scores, indent=1) + "\n")
     write_text(RANKING, ranking_page(scores))
     print(f"written: {RANKING}")

@@ -57,6 +57,7 @@ def main(arguments: Arguments) -> None:
         if not arguments.controllers and before and before["scene_digest"] == digest:
             known = before["rows"]
         rows = scores_of(variant, agents, known)
+        scores = read_robustness()  # another process may have written to it
         scores[variant] = {"scene_digest": digest, "episodes": EPISODES, "rows": rows}
         ordered = {name: scores[name] for name in variants if name in scores}
         write_text(FILE, json.dumps(ordered, indent=1) + "\n")

@@ -250,6 +250,28 @@ def test_check_names_the_episodes_in_which_a_run_is_better_than_the_plan(
     assert "no scores of the present scene" in str(command.main())
 
 
+def test_scores_that_another_process_writes_meanwhile_stay(tmp_path, monkeypatch) -> None:
+    name, other = "mm_gym/CarriageForce-v0", "mm_gym/PreStretchNoise-v0"
+    scores = tmp_path / "scores.json"
+    scores.write_text(json.dumps({task: COMMITTED[task] for task in (name, other)}))
+    monkeypatch.setattr(sys, "argv", ["headroom", "CarriageForce", "--out", str(scores)])
+    rows = [one | {"reads": "anew"} for one in COMMITTED[name]["rows"]]
+
+    def long_search(*_):
+        now = json.loads(scores.read_text())
+        now[other]["preview"] = {"expected": 2.0, "foreseen": 1.0}
+        now[name]["preview"] = {"expected": 4.0, "foreseen": 3.0}
+        scores.write_text(json.dumps(now))
+        return rows
+
+    monkeypatch.setattr(command, "score", long_search)
+    assert command.main() is None
+    found = json.loads(scores.read_text())
+    assert found[name]["rows"] == rows
+    assert found[name]["preview"]["expected"] == 4.0
+    assert found[other]["preview"]["expected"] == 2.0
+
+
 @pytest.mark.parametrize("name", TASKS)
 def test_no_law_is_better_than_the_best_known_plan_in_any_episode(name) -> None:
     controllers = [controller for _, controller in controllers_of(TASKS[name])]

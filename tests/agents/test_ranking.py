@@ -106,9 +106,11 @@ def test_the_passive_damper_is_that_of_the_tuning():
 
 def test_a_controller_takes_the_place_of_its_earlier_score_whatever_was_tuned():
     stale = [row("law", "velocity feedback, 1.2e+04 N s/m", 0.4), row("law", "LQR", 0.5)]
-    scores = {FORCE: {"rows": [*ORDERED[:2], *stale]}}
-    ranking.add_controllers(scores, ["velocity-feedback"], [FORCE])
-    _, _, kept, new = scores[FORCE]["rows"]
+    rows = [*ORDERED[:2], *stale]
+    ((task, found),) = ranking.of_controllers(["velocity-feedback"], [FORCE])
+    assert task == FORCE
+    ranking.put(rows, found)
+    _, _, kept, new = rows
     assert kept["controller"] == "LQR"
     assert new["controller"] == "velocity feedback, 5.8 N s/m"
 
@@ -172,6 +174,27 @@ def test_named_controllers_are_scored_and_nothing_else(tmp_path, monkeypatch, ca
         monkeypatch.setattr(sys, "argv", [*words[:2], name])
         assert told in str(ranking.main())
     assert "LQR: 0.0483" in capsys.readouterr().out
+
+
+def test_scores_that_another_process_writes_meanwhile_stay(tmp_path, monkeypatch):
+    scores = tmp_path / "scores.json"
+    scores.write_text(json.dumps(COMMITTED))
+    monkeypatch.setattr(ranking, "SCORES", scores)
+    monkeypatch.setattr(ranking, "RANKING", tmp_path / "ranking.md")
+
+    def long(role, *_):
+        now = json.loads(scores.read_text())
+        now[FORCE]["rows"].append(row("learned", "of another process", 0.5))
+        scores.write_text(json.dumps(now))
+        return row(role, "LQR", 0.25)
+
+    monkeypatch.setattr(ranking, "scored", long)
+    words = ["ranking", "--controllers", "lqr", "--tasks", "CarriageForce"]
+    monkeypatch.setattr(sys, "argv", words)
+    assert ranking.main() is None
+    rows = json.loads(scores.read_text())[FORCE]["rows"]
+    costs = {one["controller"]: one["cost"] for one in rows}
+    assert (costs["LQR"], costs["of another process"]) == (0.25, 0.5)
 
 
 def test_a_controller_that_cannot_be_designed_is_named_and_others_go_on(

@@ -1,5 +1,6 @@
 """Controllers over a distribution of rigs, and the page of them."""
 
+import json
 from contextlib import nullcontext
 
 import numpy as np
@@ -119,6 +120,27 @@ def test_the_page_is_that_of_its_scores(monkeypatch, tmp_path, capsys):
     with pytest.raises(SystemExit):
         main()
     assert "tasks: got 'CarriageForce'; allowed: " in capsys.readouterr().err
+
+
+def test_scores_that_another_process_writes_meanwhile_stay(monkeypatch, tmp_path):
+    file, other = tmp_path / "scores.json", "mm_gym/HybridRobust-v0"
+    file.write_text(json.dumps({VARIANT: SCORES[VARIANT], other: SCORES[other]}))
+    monkeypatch.setattr("agents.evaluation.rigs.FILE", file)
+    monkeypatch.setattr(robustness, "FILE", file)
+    monkeypatch.setattr(robustness, "ROBUSTNESS", tmp_path / "page.md")
+
+    def long(*_):
+        now = json.loads(file.read_text())
+        now[other]["episodes"] = 7
+        file.write_text(json.dumps(now))
+        return SCORES[VARIANT]["rows"][:3]
+
+    monkeypatch.setattr(robustness, "scores_of", long)
+    monkeypatch.setattr("sys.argv", ["robustness", "CarriageForceRobust"])
+    assert robustness.main() is None
+    found = json.loads(file.read_text())
+    assert found[other]["episodes"] == 7
+    assert found[VARIANT]["rows"] == SCORES[VARIANT]["rows"][:3]
 
 
 @pytest.mark.parametrize(
