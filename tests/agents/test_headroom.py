@@ -224,6 +224,7 @@ def test_check_names_the_episodes_in_which_a_run_is_better_than_the_plan(
     name, folder = "mm_gym/CarriageForce-v0", tmp_path / "small"
     folder.mkdir()
     record = {"settings": {"task": name}, "scene_digest": CARRIAGE_FORCE.digest}
+    record["scene"] = json.loads(CARRIAGE_FORCE.model_dump_json())
     (folder / "run.json").write_text(json.dumps(record))
     ends = np.array([1.0], np.float32)
     weight = np.array([[0.0, 0.0, -1.0, 0.0]], np.float32)

@@ -119,6 +119,7 @@ def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monk
     folder = tmp_path / "ppo-1"
     folder.mkdir()
     record = {"settings": {"task": FORCE}, "scene_digest": CARRIAGE_FORCE.digest}
+    record["scene"] = json.loads(CARRIAGE_FORCE.model_dump_json())
     (folder / "run.json").write_text(json.dumps(record))
     scores, page_file = tmp_path / "scores.json", tmp_path / "ranking.md"
     scores.write_text(SCORES.read_text("utf-8"))
@@ -208,7 +209,8 @@ def test_a_controller_that_cannot_be_designed_is_named_and_others_go_on(
     monkeypatch.setattr(sys, "argv", words)
     assert ranking.main() is None
     assert json.loads(scores.read_text()) == COMMITTED
-    assert "lqg: not scored: the regulator has no stabilising solution" in capsys.readouterr().out
+    told = "lqg: not scored: the regulator's Riccati equation has no stabilising solution"
+    assert told in capsys.readouterr().out
 
 
 def policy_of(gain):
