@@ -6,6 +6,7 @@ Each task has a thousand episodes on which nothing was tuned, trained or chosen.
 
 import json
 import time
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -17,7 +18,7 @@ from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.sealed import AGENT, EPISODES, FILE, Seal, fixed_and_classical, read_sealed
 from agents.report.score_pages import SEALED, sealed_page
-from mm_gym import load_scene
+from mm_gym import SceneError, load_scene
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, path_of, task_called
 
@@ -36,11 +37,31 @@ class Arguments:
     """episodes of each task; with another number than the default the page is not written"""
 
 
+def _label(text: str) -> str:
+    """Return what the seeds of a pattern are called."""
+    return Path(text).name.replace("*", "").strip("-_.")
+
+
+def _check_labels(agents: Mapping[str, Iterable[str]]) -> None:
+    """Refuse patterns of one label with runs of one task: the second would not be scored."""
+    first: dict[tuple[str, str], str] = {}
+    for text, tasks in agents.items():
+        for task in tasks:
+            other = first.setdefault((task, _label(text)), text)
+            if other != text:
+                msg = (
+                    f"--runs: got {text} and {other}, both called {_label(text)!r} on {task}; "
+                    "allowed: patterns whose last names differ"
+                )
+                raise SceneError(msg)
+
+
 @command
 def main(arguments: Arguments) -> None:
     """Score from the command line."""
     release = version("mm-gym")
     agents = {text: agents_of((text,)) for text in arguments.runs}
+    _check_labels(agents)
     named = arguments.tasks or [task for found in agents.values() for task in found] or ids()
     done = {}
     for task in dict.fromkeys(map(task_called, named)):
@@ -50,9 +71,7 @@ def main(arguments: Arguments) -> None:
             *(scene, release, arguments.episodes),
         )
         trained = [
-            (Path(text).name.replace("*", "").strip("-_."), AGENT, found[task])
-            for text, found in agents.items()
-            if task in found
+            (_label(text), AGENT, found[task]) for text, found in agents.items() if task in found
         ]
         others = [(one.name, role, [one]) for role, one in fixed_and_classical(scene)]
         for name, role, controllers in [*others, *trained]:

@@ -94,6 +94,20 @@ def test_broken_run_goes_on_behind_the_last_controller(pages, monkeypatch):
     assert list(kept.scored) == ["zero action"]
 
 
+def test_patterns_of_one_label_and_task_are_refused_before_anything_is_scored(pages, monkeypatch):
+    tasks = {"a/ppo-*": "mm_gym/CarriageForce-v0", "b/ppo-*": "mm_gym/Hybrid-v0"}
+    tasks["c/ppo"] = tasks["a/ppo-*"]
+    found = {text: {task: [ConstantAction(SCENE)]} for text, task in tasks.items()}
+    monkeypatch.setattr(command, "agents_of", lambda texts: found[texts[0]])
+    words = ["sealed", "CarriageForce", "--folder", str(pages / "kept"), "--episodes", "5"]
+    monkeypatch.setattr("sys.argv", [*words, "--runs", *tasks])
+    told = "--runs: got c/ppo and a/ppo-*, both called 'ppo' on mm_gym/CarriageForce-v0; allowed"
+    assert told in str(command.main())
+    assert not (pages / "kept").exists()
+    monkeypatch.setattr("sys.argv", [*words, "--runs", "a/ppo-*", "b/ppo-*"])
+    assert command.main() is None
+
+
 def test_page_says_on_how_many_tasks_agents_win():
     rng = np.random.default_rng(1)
     law = Scored("law", "law", rng.gamma(2.0, 0.5, (1, 500)))
