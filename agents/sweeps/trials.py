@@ -345,15 +345,20 @@ def write_results(trials: Iterable[RunSettings], folder: Path) -> Path:
     """Write ``results.csv``, a row for each training that is done, in the order of the sweep.
 
     Raise `SceneError` if trainings that are compared had different scenes; see `check_scenes`;
-    `RunError` if a run's files are damaged.
+    `RunError`, once the others are written, if a run's files are damaged.
     """
     rows: list[tuple[object, ...]] = []
+    damaged: list[str] = []
     done = [trial for trial in trials if result_file(Run(trial.name, folder)).exists()]
     check_scenes(done, folder)
     for trial in done:
         run = Run(trial.name, folder)
-        steps, costs, _ = run.validations()
-        cost = read_score(run).cost
+        try:
+            steps, costs, _ = run.validations()
+            cost = read_score(run).cost
+        except RunError as error:
+            damaged.append(str(error))
+            continue
         rows.append(
             (
                 *(short_name(trial.task), algorithm_of(trial), variant_of(trial), trial.seed),
@@ -362,4 +367,6 @@ def write_results(trials: Iterable[RunSettings], folder: Path) -> Path:
         )
     path = folder / "results.csv"
     write_csv(path, COLUMNS, list(zip(*rows, strict=True)) or [[]] * len(COLUMNS))
+    if damaged:
+        raise RunError("\n".join(damaged))
     return path

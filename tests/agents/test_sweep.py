@@ -344,6 +344,23 @@ def test_results_of_different_scenes_are_not_written_beside_each_other(tmp_path)
     assert not (tmp_path / "results.csv").exists()
 
 
+def test_a_training_that_cannot_be_read_keeps_no_other_from_the_results(tmp_path):
+    trials = SweepSettings(tasks=("CarriageForce",), seeds=3).trials()
+    for trial, cost in zip(trials, (0.5, "broken", 0.5), strict=True):
+        run = Run(trial.name, tmp_path)
+        run.open(trial)
+        run.metrics.write_text(f"steps [-],cost [-]\n8,{cost}\n")
+        run.times.write_text("steps [-],time [s]\n8,1\n")
+        (run.folder / "result.json").write_text(
+            '{"cost": 0.25, "episodes": [0.25], "injected": null}'
+        )
+    with pytest.raises(RunError, match=r"CarriageForce-ppo-plain-1/metrics\.csv:2: got .8,broken"):
+        write_results(trials, tmp_path)
+    rows = (tmp_path / "results.csv").read_text().splitlines()
+    start = "CarriageForce,ppo,plain"
+    assert rows[1:] == [f"{start},0,8.0,0.5,0.25", f"{start},2,8.0,0.5,0.25"]
+
+
 def test_tasks_and_variants_may_have_scenes_of_their_own():
     settings = SweepSettings(
         tasks=("CarriageForce", "Hybrid"),
