@@ -115,7 +115,7 @@ def _train_in_lanes(validation: Validation, lanes: VecEnv, *, bar: bool) -> None
 def learn(model: BaseAlgorithm, steps: int, validation: Validation, *, bar: bool) -> None:
     """Train for so many more steps."""
     drawn = ProgressBarCallback()
-    fresh = model.num_timesteps == 0
+    fresh = not validation.run.checkpoint.exists()  # which holds lanes that have been reset
     with warnings.catch_warnings(), _gentle_interrupts(model, validation):
         # Stable-Baselines3's progress bar is tqdm's rich one, which calls itself experimental.
         warnings.simplefilter("ignore", TqdmExperimentalWarning)

@@ -33,6 +33,7 @@ TINY = TrainSettings(
     lanes=4,
     steps=1600,
     evaluations=4,
+    normalise_observations=True,
     ppo={"rollout": 50, "batch_size": 100, "epochs": 2, "reward_scale": 10.0, "hidden": (8,)},
 )
 
