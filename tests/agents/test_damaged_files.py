@@ -516,9 +516,7 @@ def test_grid_that_falls_is_refused(reverse, tmp_path):
         load_policy(path)
 
 
-@pytest.mark.parametrize(
-    ("rounds", "rows"), [(-1, 1), (11, 1), (2, 0)], ids=["negative", "too many", "best of nothing"]
-)
+@pytest.mark.parametrize(("rounds", "rows"), [(-1, 1), (2, 0)], ids=["negative", "best of nothing"])
 def test_checkpoint_of_impossible_progress_is_refused(rounds, rows, tmp_path):
     path = tmp_path / "checkpoint.npz"
     write_checkpoint(path)

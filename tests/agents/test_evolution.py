@@ -18,6 +18,9 @@ from agents.evolution.search import LANES, Evolution, EvolveSettings, Population
 from agents.policies import load_policy
 from agents.scoring import VALIDATION_SEED, evaluate, validation_cost
 from agents.sweeps.trials import do_trial, read_score
+from agents.training import search
+from agents.training.arrays import load_checkpoint, save_checkpoint
+from agents.training.best import Best
 from agents.training.config import training_seeds
 from agents.training.ending import read_ending
 from agents.training.network import Network
@@ -26,6 +29,7 @@ from agents.training.runs import Run, RunError
 from agents.training.scales import Scales, size_of_actions
 from agents.training.starts import Start, added_to, start_of
 from mm_gym import DesignError, MovingMassVectorEnv, load_scene
+from mm_gym.tasks import path_of
 
 TINY = EvolveSettings(
     task="mm_gym/CarriageForce-v0",
@@ -447,6 +451,21 @@ class TestRuns:
         assert run.read()["earlier"][0]["generations"] == 8
         # Validated at 4 and 8, then at the end: the search is that of a run that never stopped.
         assert run.metrics.read_bytes() == unbroken.metrics.read_bytes()
+
+    def test_run_with_more_generations_than_are_asked_for_is_done(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(search, "best_controller", lambda *_, **__: Best("no-control", 9.0))
+        # On your own scene time alone ends it, after any number of generations.
+        small = {"law": "none", "candidates": 4, "episodes": 2, "hidden": 1, "evaluations": 1}
+        path = str(path_of("mm_gym/CarriageForce-v0"))
+        given = small | {"scene": path, "name": "few", "time_budget": 1e-3}
+        run = Run("few", tmp_path)
+        evolve(EvolveSettings.of(given), run)
+        arrays = load_checkpoint(run.checkpoint)
+        many = np.tile(arrays["evolution/costs"], (220, 1))
+        save_checkpoint(run.checkpoint, arrays | {"evolution/costs": many})
+        evolve(EvolveSettings.of(given | {"generations": 210}), run)
+        assert run.finished
+        assert read_ending(run).done == len(many)
 
     def test_run_of_other_settings_is_left_alone(self, unbroken):
         with pytest.raises(RunError, match=r"other settings \(seed 0, now 1\); choose another"):
