@@ -203,8 +203,8 @@ class Run:
         """Begin the run, or continue one of the same settings.
 
         A run that is given more steps, generations or time goes on: its policy so far is kept
-        too, under a name with the steps or generations. Raise `RunError` if the folder holds a
-        run of other settings or another scene.
+        too, under a free name with the steps or generations. Raise `RunError` if the folder holds
+        a run of other settings or another scene.
         """
         other = self._differences(settings)
         if other:
@@ -223,7 +223,7 @@ class Run:
             earlier = [*record.get("earlier", []), {**stage, "command": record.get("command", "")}]
             if self.policy.exists():
                 size = record["settings"][settings.growing[0]]
-                self.policy.rename(self.folder / f"policy-{size}{self.policy.suffix}")
+                self.policy.rename(self._free(f"policy-{size}", self.policy.suffix))
         contents = {
             **_identity(settings),
             **({"earlier": earlier} if earlier else {}),
@@ -237,6 +237,12 @@ class Run:
             "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         }
         write_text(self.record, json.dumps(contents, indent=2) + "\n")
+
+    def _free(self, stem: str, suffix: str) -> Path:
+        """Return a path that nothing has: time may be added, and the steps remain the same."""
+        stems = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
+        paths = (self.folder / f"{one}{suffix}" for one in stems)
+        return next(path for path in paths if not os.path.lexists(path))
 
     def _differences(self, settings: RunSettings) -> list[str]:
         """Return what keeps the run that is here, if there is one, from going on with settings."""

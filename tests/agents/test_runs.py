@@ -252,6 +252,15 @@ class TestTwoTrainingsOfOneName:
 
 
 class TestNames:
+    def test_each_policy_of_a_run_that_goes_on_is_kept(self, tmp_path):
+        run = Run("tiny", tmp_path)
+        for budget in (1.0, 2.0, 3.0, 4.0):
+            run.open(changed(time_budget=budget))
+            run.policy.write_text(f"after {budget} s")
+        names = [f"policy-1600{end}.safetensors" for end in ("", "-2", "-3")]
+        told = [(run.folder / name).read_text() for name in names]
+        assert told == ["after 1.0 s", "after 2.0 s", "after 3.0 s"]
+
     def test_demo_keeps_finished_runs_and_numbers_new_ones(self, tmp_path, monkeypatch):
         file = tmp_path / "demo.toml"
         file.write_text('name = "show"\nsteps = 200\n')
