@@ -191,8 +191,12 @@ def _finite(text: str) -> float:
     return value if math.isfinite(value) else _refuse_constant(text[:40])
 
 
-def read_columns(path: str | PathLike[str], header: Sequence[str], *, most: int = 2**24) -> Array:
-    """Return the columns (columns, rows) of finite numbers that `write_csv` wrote.
+def read_columns(
+    path: str | PathLike[str], header: Sequence[str], *, most: int = 2**24, infinite: bool = False
+) -> Array:
+    """Return the columns (columns, rows) of numbers that `write_csv` wrote.
+
+    They are finite, or infinite where that is allowed too, but not NaN.
 
     Raises
     ------
@@ -203,14 +207,16 @@ def read_columns(path: str | PathLike[str], header: Sequence[str], *, most: int 
     first, *lines = read_text(path, most=most).splitlines() or [""]
     if first != ",".join(header):
         refuse(f"{path}:1", f"{first[:80]!r}", f"{','.join(header)!r}")
+    allowed = "numbers" if infinite else "finite numbers"
     rows: list[list[float]] = []
     for number, line in enumerate(lines, 2):
         try:
             row = [float(cell) for cell in line.split(",")]
         except ValueError:
             row = []
-        if len(row) != len(header) or not all(map(math.isfinite, row)):
-            refuse(f"{path}:{number}", f"{line[:80]!r}", f"{len(header)} finite numbers")
+        fits = (math.isfinite(value) or (infinite and value == math.inf) for value in row)
+        if len(row) != len(header) or not all(fits):
+            refuse(f"{path}:{number}", f"{line[:80]!r}", f"{len(header)} {allowed}")
         rows.append(row)
     if not rows:
         refuse(f"{path}", "no rows", "one or more below the header")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.training.arrays import Arrays, check_like, part_of
-from agents.training.runs import METRICS, TIMES, Run
+from agents.training.runs import METRICS, TIMES, Run, RunError
 from mm_gym.arrays import Array
 from mm_gym.files import write_csv
 
@@ -18,7 +18,7 @@ class Progress:
     rows
         Steps [-], time [s] and cost [-] of each validation.
     best
-        The parameters of the policy of least cost, empty before the first validation.
+        The parameters of the policy of least cost, empty before the first finite one.
     seconds
         Time of training, without interruptions [s].
     """
@@ -38,10 +38,14 @@ class Progress:
         own = part_of(arrays, "progress")
         progress.rows, progress.seconds = own["rows"], float(own["seconds"])
         progress.best = part_of(arrays, "best")
-        if progress.seconds < 0.0 or bool(progress.best) != bool(len(progress.rows)):
+        if not np.isfinite(progress.rows[:, :2]).all():
+            msg = "progress/rows: got steps or times that are not finite; allowed: finite numbers"
+            raise ValueError(msg)
+        if progress.seconds < 0.0 or bool(progress.best) != np.isfinite(progress.least_cost):
             msg = (
                 f"progress: got {len(progress.rows)} validations, {progress.seconds:g} s and "
-                f"{len(progress.best)} arrays of the best policy; allowed: some or none of all"
+                f"{len(progress.best)} arrays of the best policy; allowed: some or none of all, "
+                "and none of the policy where no cost is finite"
             )
             raise ValueError(msg)
         return progress
@@ -59,6 +63,16 @@ class Progress:
     def add(self, steps: int, cost: float) -> None:
         """Append a row."""
         self.rows = np.vstack([self.rows, (steps, self.seconds, cost)])
+
+    def require_best(self, run: Run) -> None:
+        """Raise `RunError` unless a validation had a finite cost."""
+        if not self.best:
+            costs = ", ".join(f"{cost:g}" for cost in self.rows[:3, 2])
+            msg = (
+                f"{run.metrics}: got the costs {costs} of {len(self.rows)} validations; allowed: "
+                "a finite one; choose other settings, and another name with --name"
+            )
+            raise RunError(msg)
 
     def write_metrics(self, run: Run) -> None:
         """Write ``metrics.csv``, the same for the same run, and ``times.csv``, each whole."""

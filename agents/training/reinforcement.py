@@ -49,7 +49,8 @@ def train(
     goes on where the settings differ in that they have more steps or time. Raise `SceneError` or
     `CompileError` if there is nothing to train on, `DependencyNotInstalled` if the algorithm needs
     a package that is missing. No folder is made. Raise `RunError` if the folder holds another run,
-    or another process trains it; `OSError` if a file of the folder cannot be written.
+    another process trains it, or no validation had a finite cost; `OSError` if a file of the folder
+    cannot be written.
 
     Parameters
     ----------
@@ -99,6 +100,7 @@ def _train_in_lanes(validation: Validation, lanes: VecEnv, *, bar: bool) -> None
     if model.num_timesteps < settings.steps and progress.seconds < validation.budget:
         learn(model, settings.steps - model.num_timesteps, validation, bar=bar)
     progress.write_metrics(run)
+    progress.require_best(run)
     parts, untrained = validation.parts, "an untrained network"
     Ending.of(
         progress,

@@ -117,10 +117,11 @@ class Run:
     def validations(self) -> tuple[Array, Array, Array]:
         """Return the control steps, cost and time [s] of each validation, (validations,).
 
+        The cost of a policy that asked for no number is infinite.
         Raise `RunError` if their files are missing, damaged, or of different lengths.
         """
         try:
-            steps, costs = read_columns(self.metrics, METRICS)
+            steps, costs = read_columns(self.metrics, METRICS, infinite=True)
             also, seconds = read_columns(self.times, TIMES)
         except SceneError as error:
             raise RunError(str(error)) from None

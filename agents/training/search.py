@@ -104,7 +104,8 @@ class Search(ABC):
         """Search until rounds or time are used up, and write the best policy to the run's folder.
 
         An interrupted run continues from its last checkpoint; Ctrl-C writes one. Raise `RunError`
-        if the folder holds another run, or another process uses it.
+        if the folder holds another run, another process uses it, or no validation had a finite
+        cost.
         """
         with run.locked():
             run.open(self.settings)
@@ -157,6 +158,7 @@ class Search(ABC):
                 self._save(run)
                 raise KeyboardInterrupt(told_part(self.rounds, counted, self.unit)) from None
         progress.write_metrics(run)  # a process may have been killed before it did
+        progress.require_best(run)
         policy = self.policy()
         ending = Ending.of(
             progress,

@@ -658,4 +658,8 @@ def test_columns_are_read_with_all_their_digits(tmp_path):
     for text in ("", "a,b\n1,2\n", ",".join(METRICS) + "\n", ",".join(METRICS) + "\n1,nan\n"):
         (tmp_path / "a.csv").write_text(text)
         with pytest.raises(SceneError, match="allowed: "):
-            read_columns(tmp_path / "a.csv", METRICS)
+            read_columns(tmp_path / "a.csv", METRICS, infinite=True)
+    (tmp_path / "a.csv").write_text(",".join(METRICS) + "\n1,inf\n")
+    assert read_columns(tmp_path / "a.csv", METRICS, infinite=True).tolist() == [[1.0], [np.inf]]
+    with pytest.raises(SceneError, match="finite numbers"):
+        read_columns(tmp_path / "a.csv", METRICS)

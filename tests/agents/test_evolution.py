@@ -28,7 +28,7 @@ from agents.training.parts import agent_of, base_controller, make_parts, recorde
 from agents.training.runs import Run, RunError
 from agents.training.scales import Scales, size_of_actions
 from agents.training.starts import Start, added_to, start_of
-from mm_gym import DesignError, MovingMassVectorEnv, load_scene
+from mm_gym import DesignError, MovingMassVectorEnv, SceneError, load_scene
 from mm_gym.tasks import path_of
 
 TINY = EvolveSettings(
@@ -466,6 +466,43 @@ class TestRuns:
         evolve(EvolveSettings.of(given | {"generations": 210}), run)
         assert run.finished
         assert read_ending(run).done == len(many)
+
+    def test_run_with_an_infinite_validation_is_continued_and_read(self, tmp_path, monkeypatch):
+        run, calls = Run("tiny", tmp_path), []
+        validate, advance = Evolution._cost, Evolution._advance
+
+        def first_is_infinite(*arguments):
+            calls.append(1)
+            return np.inf if len(calls) == 1 else validate(*arguments)
+
+        def interrupted(search):
+            if search.rounds == 2:
+                raise KeyboardInterrupt
+            advance(search)
+
+        monkeypatch.setattr(Evolution, "_cost", first_is_infinite)
+        monkeypatch.setattr(Evolution, "_advance", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            evolve(TINY, run)
+        monkeypatch.setattr(Evolution, "_advance", advance)
+        evolve(TINY, run)
+        _, costs, _ = run.validations()
+        assert np.isinf(costs).tolist() == [True, False, False, False]
+        assert read_ending(run).cost == costs.min()
+
+    def test_run_without_a_finite_validation_says_so(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(Evolution, "_cost", lambda *_: np.inf)
+        for _ in range(2):
+            with pytest.raises(RunError, match="costs inf, inf of 2 validations; allowed: a fin"):
+                evolve(changed(generations=1, evaluations=1), Run("tiny", tmp_path))
+
+    @pytest.mark.parametrize("base", [None, "lqr"])
+    def test_negative_own_reward_is_refused_as_by_an_evaluation(self, base, tmp_path):
+        path = tmp_path / "own.py"
+        path.write_text("def gain(carriage_displacement):\n    return -1.0\n")
+        settings = changed(reward=f"{path}:gain", law="none", base=base)
+        with pytest.raises(SceneError, match="gain is negative on average; allowed for eval"):
+            evolve(settings, Run("tiny", tmp_path))
 
     def test_run_of_other_settings_is_left_alone(self, unbroken):
         with pytest.raises(RunError, match=r"other settings \(seed 0, now 1\); choose another"):
