@@ -103,6 +103,8 @@ class Arguments:
             self.records,
             self.unit,
             self.frequency,
+            self.first_seed != HELD_OUT_SEED,
+            self.out is not None and self.controller is None,
         )
         if len(self.subjects) > 1 or self.effort or any(studies):
             return True
@@ -126,7 +128,8 @@ def report_run(
 
     The results are printed and written to a folder, by default the run's. Other controllers may
     join the baselines. The reward, FILE.py:NAME, is by default the one that the run was trained
-    for. The reference baseline is the first, the learned agent the last.
+    for; with another the results go into `scored-by-NAME` in the folder. The reference baseline is
+    the first, the learned agent the last.
     """
     settings = run.read()["settings"]
     if policy is None:
@@ -138,7 +141,10 @@ def report_run(
         scene = rewarded(run.scene(), reward)
         parts = trained_parts(run, trust=trust, asked=scene.own_reward)
     learned = agent_of(run, parts, name) if policy is None else parts.controller(policy, name)
-    return report([*others, learned], scene, episodes, folder or run.folder)
+    folder = folder or run.folder
+    if reward is not None and reward != settings.get("reward"):  # the folder's own scores stay
+        folder /= f"scored-by-{reward.rpartition(':')[2]}"
+    return report([*others, learned], scene, episodes, folder)
 
 
 def report(
@@ -194,9 +200,6 @@ def compare_several(arguments: Arguments) -> None:
     if arguments.unit is not None and not arguments.records:
         msg = f"--unit: got {arguments.unit!r} without --records; it is the unit of their values"
         raise SceneError(msg)
-    if arguments.processes < 1:
-        msg = f"--processes: got {arguments.processes}; allowed: at least 1"
-        raise SceneError(msg)
     compared = read_field(arguments.subjects, arguments.tasks, arguments.reward)
     episodes = Episodes.of_field(
         compared, arguments.seeds, arguments.episodes, first=arguments.first_seed
@@ -212,6 +215,28 @@ def compare_several(arguments: Arguments) -> None:
     check_records(compared.scenes.values(), studies.records)
     results = measure(compared, episodes, studies, arguments.processes)
     report_comparison(conclude(results, compared.scenes, episodes), arguments.out)
+
+
+def evaluate_one(arguments: Arguments) -> None:
+    """Report on one run or on --controller; raise `SceneError` for flags that do not fit."""
+    episodes = SINGLE if arguments.episodes is None else arguments.episodes
+    if episodes < 1:
+        msg = f"--episodes: got {episodes}; allowed: at least 1"
+        raise SceneError(msg)
+    subject, path = Path(arguments.subjects[0]), arguments.policy
+    if arguments.controller is not None:
+        if path is not None:
+            msg = f"--policy: got {path} and --controller; allowed: one of them"
+            raise SceneError(msg)
+        scene = rewarded(load_scene(task_or_scene(subject.as_posix())), arguments.reward)
+        report(user_defined(arguments.controller, scene), scene, episodes, arguments.out)
+        return
+    run = Run(subject.name, subject.parent)
+    given = {"trust": arguments.trust, "reward": arguments.reward}
+    if path is not None:
+        policy = read_policy(path, trust=arguments.trust)
+        given |= {"policy": policy, "name": path.stem, "folder": run.folder / path.stem}
+    report_run(run, episodes, **given)
 
 
 def score_published() -> str | None:
@@ -233,19 +258,7 @@ def main(arguments: Arguments) -> str | None:
         return score_published()
     if not arguments.subjects:
         return f"error: got nothing to evaluate; allowed: the folder of a run, or {BASELINES}"
-    episodes = arguments.episodes or SINGLE
-    if arguments.compares:
-        compare_several(arguments)
-        return None
-    subject = Path(arguments.subjects[0])
-    if arguments.controller is not None:
-        scene = rewarded(load_scene(task_or_scene(subject.as_posix())), arguments.reward)
-        report(user_defined(arguments.controller, scene), scene, episodes, arguments.out)
-        return None
-    run, path = Run(subject.name, subject.parent), arguments.policy
-    given = {"trust": arguments.trust, "reward": arguments.reward}
-    if path is not None:
-        policy = read_policy(path, trust=arguments.trust)
-        given |= {"policy": policy, "name": path.stem, "folder": run.folder / path.stem}
-    report_run(run, episodes, **given)
+    if arguments.processes < 1:
+        return f"error: --processes: got {arguments.processes}; allowed: at least 1"
+    (compare_several if arguments.compares else evaluate_one)(arguments)
     return None

@@ -483,15 +483,35 @@ def test_command_compares_and_refuses(tmp_path, monkeypatch, capsys) -> None:
         (["runs/first", "lqr"], True),
         (["runs/first", "--robustness"], True),
         (["runs/first", "--seeds", "0"], True),
+        (["runs/first", "--first-seed", "1500000"], True),
+        (["runs/first", "--out", "out"], True),
         (["runs/ppo-*"], True),
         (["lqr"], True),
         (["baselines"], True),
         (["baselines", "--policy", "x.npz"], False),
         (["mm_gym/CarriageForce-v0", "--controller", "mine.py:Law"], False),
+        (["CarriageForce", "--controller", "mine.py:Law", "--out", "out"], False),
     ],
 )
 def test_one_run_is_reported_and_all_else_compared(words, compares) -> None:
     assert tyro.cli(command.Arguments, args=words).compares == compares
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--episodes", "0"], "--episodes: got 0; allowed: at least 1"),
+        (["--processes", "0"], "--processes: got 0; allowed: at least 1"),
+        (
+            ["--policy", "p.npz", "--controller", "mine.py:Law"],
+            "--policy: got p.npz and --controller; allowed: one of them",
+        ),
+        (["--first-seed", "7"], "--first-seed: got 7 for 5 x 64 episodes; allowed: 1000000 to"),
+    ],
+)
+def test_no_flag_of_one_run_is_ignored(words, told, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["evaluate", str(run(tmp_path / "first")), *words])
+    assert str(command.main()).startswith(f"error: {told}")
 
 
 def test_nothing_is_refused(monkeypatch) -> None:

@@ -231,11 +231,14 @@ def test_base_is_tuned_by_the_reward_of_its_training(tmp_path, monkeypatch):
     policy_of([5, 2, 1], "tanh").save(run.policy)
     scored = []
     monkeypatch.setattr(
-        command, "report", lambda controllers, scene, *_: scored.append((controllers[-1], scene))
+        command, "report", lambda controllers, *others: scored.append((controllers[-1], *others))
     )
     command.report_run(run, reward=other)
     assert scored[0][0].base.name == tuned[0]
     assert scored[0][1].own_reward is not None
+    assert scored[0][-1] == run.folder / "scored-by-cost"  # the run's own scores stay
+    command.report_run(run)
+    assert scored[1][-1] == run.folder
     assert law_of(str(run.folder), rewarded(SCENE, other), None).base.name == tuned[0]
 
 
