@@ -163,10 +163,10 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | No
         for text in texts
         if text != BASELINES
     ]
-    counts = {one.label: {len(texts) for texts in one.texts.values()} for one in found}
-    several = {label: count for label, (count, *_) in counts.items() if count > 1}
+    counts = {one.text: {len(texts) for texts in one.texts.values()} for one in found}
+    several = {text: count for text, (count, *_) in counts.items() if count > 1}
     if len(set(several.values())) > 1:
-        told = ", ".join(f"{label} has {count}" for label, count in several.items())
+        told = ", ".join(f"{text} has {count}" for text, count in several.items())
         msg = f"seeds: got different numbers of runs ({told}); allowed: the same for all, or one"
         raise RunError(msg)
     labels = [one.label for one in found]

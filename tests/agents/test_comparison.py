@@ -273,9 +273,12 @@ def test_runs_that_cannot_stand_in_one_table_are_refused(tmp_path, monkeypatch) 
         RunError, ["./f-*"], (FORCE,)
     )
     assert "training is not finished" in refused(RunError, [str(unfinished)])
-    assert "different numbers of runs (a has 2, b has 3); allowed: the same" in refused(
-        RunError, ["./a-*", "./b-*"]
-    )
+    for name in ("a-1", "a-2", "a-3"):  # in another folder, of the same label
+        run(tmp_path / "again" / name)
+    for other in ("./b-*", "again/a-*"):
+        assert f"different numbers of runs (./a-* has 2, {other} has 3); allowed: the same" in (
+            refused(RunError, ["./a-*", other])
+        )
 
 
 OWN = "carriage.mass = 2.0\nactuation.force.limit = 4.0\ncontrol.steps = 20\n"
