@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ FACTORS = (0.7, 0.8, 0.9, 1.1, 1.2, 1.3)  # of mass, stiffness and damping of th
 PARTS = ("mass", "stiffness", "damping")
 
 NOISE, DELAY, RECORD = "noise over scale", "delay [steps]", "record"
-"""Studies by name; that of a record goes on with the name of its file."""
+"""Studies by name; that of a record goes on with its file."""
 
 LEVELS = (0.01, 0.03, 0.1)  # standard deviations of the noise over each channel's scale
 DELAYS = (0, 1, 2, 3)  # ages of the newest frame, in control steps
@@ -65,18 +66,21 @@ class Outcome:
     cost: float
     worst: float
     tail: float
-    ratio: float  # cost over that on the scene as designed [-]
+    ratio: float  # cost over that on the scene as designed [-]; NaN where that is 0
 
 
 def variants(scene: Scene, records: Records | None = None) -> dict[tuple[str, float], Scene]:
     """Return the changed scenes by study and level, the scene as it is first.
 
     What the scene draws is drawn from a range that is changed by the same factor. A scene that
-    cannot be changed so, as one without a damper, is left out.
+    cannot be changed so, as one without a damper or whose damper is actuated, is left out. Records
+    are told apart by their path where two files have one name.
     """
     found = {(NOMINAL, 1.0): scene}
     for part in PARTS:
         name = f"carriage.{part}"
+        if name == scene.actuation.damped:  # the number is only where the actuator begins
+            continue
         for factor in FACTORS:
             value, ends = getattr(scene.carriage, part), scene.randomization.get(name)
             changed: dict[str, object] = {name: factor * value}
@@ -96,8 +100,11 @@ def variants(scene: Scene, records: Records | None = None) -> dict[tuple[str, fl
     for delay in DELAYS:
         drawn = drawn_but(scene, "sensors.delay")
         found[DELAY, float(delay)] = scene.replace(randomization=drawn, **{"sensors.delay": delay})
-    for file in records.files if records else ():
-        found[f"{RECORD} {file.name}", 1.0] = _recorded(scene, file, records.unit)
+    files = records.files if records else ()
+    names = [file.name for file in files]
+    for file in files:
+        name = file if names.count(file.name) > 1 else file.name
+        found[f"{RECORD} {name}", 1.0] = _recorded(scene, file, records.unit)
     return found
 
 
@@ -138,7 +145,8 @@ def outcomes(
             ).penalties
             cost = float(np.sqrt(penalties.mean()))
             tail, worst = (float(np.sqrt(one)) for one in (tail_mean(penalties), penalties.max()))
-            ratio = cost / nominal.setdefault(row.label, cost)
+            designed = nominal.setdefault(row.label, cost)
+            ratio = cost / designed if designed else nan
             found.append(Outcome(*study, row.label, cost, worst, tail, ratio))
     return found
 

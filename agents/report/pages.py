@@ -100,7 +100,8 @@ def print_table(
 
 
 def write_scores(results: Sequence[Evaluation], path: Path) -> None:
-    """Write a row per controller; ratios are those of the costs to the first controller's."""
+    """Write a row per controller; ratios are of costs over the first one's, NaN where that is 0."""
+    reference = results[0].cost
     write_rows(
         path,
         (
@@ -108,7 +109,7 @@ def write_scores(results: Sequence[Evaluation], path: Path) -> None:
                 "controller": result.name,
                 "reads": result.reads,
                 "cost [-]": result.cost,
-                "ratio to reference [-]": result.cost / results[0].cost,
+                "ratio to reference [-]": result.cost / reference if reference else nan,
                 "rms of x1 / scale [-]": result.rms,
                 "mean return [-]": result.returns.mean(),
                 "mean energy injected [J]": ""
@@ -141,7 +142,7 @@ def print_ranking(
             result.name,
             result.reads,
             f"{result.cost:.3f}",
-            f"{result.cost / reference.cost:.2f}",
+            f"{result.cost / reference.cost:.2f}" if reference.cost else "-",
             f"{result.rms:.3f}",
             f"{result.returns.mean():.2f}",
         )

@@ -30,6 +30,7 @@ from agents.evaluation.studies import (
 )
 from agents.report.comparison import write_comparison
 from agents.report.comparison_figures import draw_closed_loops, draw_robustness
+from agents.report.pages import print_ranking, write_scores
 from agents.scoring import HELD_OUT_SEED, evaluate
 from mm_gym import SceneError, metrics
 from mm_gym.analysis import frequency_response
@@ -64,6 +65,36 @@ def test_changed_scenes_are_what_they_are_called(tmp_path) -> None:
     with pytest.raises(SceneError, match=r"--records: .*no such file"):
         check_records([CARRIAGE_FORCE], Records((tmp_path / "none.csv",)))
     check_records([CARRIAGE_FORCE], Records((record,)))
+
+
+def test_records_of_one_file_name_are_told_apart(tmp_path) -> None:
+    files = [tmp_path / folder / "quake.csv" for folder in "ab"]
+    for file in files:
+        file.parent.mkdir()
+        file.write_text("time [s],acceleration [m/s^2]\n0.0,0.5\n0.1,-0.5\n")
+    found = [study for study, _ in variants(CARRIAGE_FORCE, Records(tuple(files)))]
+    assert found[-2:] == [f"record {file}" for file in files]
+
+
+def test_damper_that_is_actuated_is_not_changed() -> None:
+    device = {"of": "carriage", "minimum": 0.2, "maximum": 1.1}
+    scene = CARRIAGE_FORCE.replace(actuation={"damping": device})
+    found = {study for study, _ in variants(scene)}
+    assert "carriage.damping" not in found
+    assert "carriage.stiffness" in found
+
+
+def test_ratio_to_a_cost_of_0_is_none(tmp_path, capsys) -> None:
+    calm = {"initial": {}, "control.steps": 10}
+    scene = CARRIAGE_FORCE.replace(**calm)
+    still = Feedback(scene, no_control(scene))
+    found = outcomes(scene, [Entry("still", [still])], EPISODES)
+    assert (found[0].cost, np.isnan(found[0].ratio)) == (0.0, True)
+    scored = [evaluate(scene, still, episodes=2)]
+    print_ranking(scored, scene, {})
+    assert "0.000 │     - │" in capsys.readouterr().out
+    write_scores(scored, tmp_path / "scores.csv")
+    assert ",nan," in (tmp_path / "scores.csv").read_text()
 
 
 def test_record_in_g_is_refused_with_the_flag_and_read_with_it(
