@@ -194,10 +194,11 @@ def _obstacles(scene: Scene, shown: Shown) -> Iterator[str]:
     if actuator.lag > 0.0:
         yield f"actuation.stretch.lag: got {actuator.lag:g} s; allowed for value iteration: 0"
     exact = shown.stretch() is not None and np.linalg.matrix_rank(shown.state) == len(RELATIVE)
-    if not exact or plant.delay or any(channel.noise for channel in plant.observed):
+    wrong = any(channel.noise for channel in plant.observed) or any(scene.sensors.bias.values())
+    if not exact or wrong or plant.delay or scene.sensors.dropout:
         yield (
             "sensors: allowed for value iteration: channels that show the whole state and the "
-            "stretch, without noise and delay"
+            "stretch, without noise, bias, delay and dropout"
         )
 
 
