@@ -1,5 +1,6 @@
 """The scene, the base and the reward of a run, made from its settings."""
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -46,7 +47,7 @@ def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:
     ending = read_ending(run)
     if ending is None or ending.returned is None:
         return parts.controller(load_policy(run.policy), name)
-    controller = base_controller(parts.scene, ending.returned)
+    controller = copy.copy(base_controller(parts.scene, ending.returned))  # some are cached
     controller.name = name
     return controller
 

@@ -3,6 +3,7 @@
 import json
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,12 +15,13 @@ from agents.controllers.constant import no_control
 from agents.controllers.learned import Learned
 from agents.policies import load_policy
 from agents.scoring import VALIDATION_SEED, evaluate, limit_penalty, validation_cost
+from agents.training import parts
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings, read_settings
 from agents.training.parts import agent_of, recorded_parts
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
-from mm_gym import SceneError
+from mm_gym import SceneError, load_scene
 
 ROOT = Path(__file__).parents[2]
 
@@ -212,3 +214,12 @@ def test_validation_charges_the_same_terminal_cost_as_the_report(tmp_path: Path)
     assert cost == evaluate(scene, learned, seed=VALIDATION_SEED, episodes=100).cost
     # Most episodes begin beyond the limit, so the cost is above that of the limit itself.
     assert cost**2 > limit_penalty(scene)
+
+
+def test_agent_that_is_a_known_controller_leaves_its_name_alone(tmp_path: Path, monkeypatch):
+    scene = load_scene("mm_gym/CarriageForce-v0")
+    cached = parts.base_controller(scene, "no-control")
+    monkeypatch.setattr(parts, "base_controller", lambda *_: cached)
+    monkeypatch.setattr(parts, "read_ending", lambda _: SimpleNamespace(returned="no-control"))
+    assert agent_of(Run("any", tmp_path), parts.Parts(scene), "learned").name == "learned"
+    assert cached.name == "no control"
