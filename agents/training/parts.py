@@ -11,9 +11,9 @@ from agents.controllers.user_defined import user_defined
 from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.training.config import RunSettings
 from agents.training.ending import read_ending
-from agents.training.runs import Run
+from agents.training.runs import Run, RunError
 from mm_gym import DesignError, OwnReward, Scene, SceneError, rewarded
-from mm_gym.user_code import is_path
+from mm_gym.user_code import is_path, source, split
 
 NO_BASE = "none"  # what asks for an agent that is added to no controller
 
@@ -43,7 +43,11 @@ def make_parts(settings: RunSettings) -> Parts:
 
 
 def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:
-    """Return what a finished run stands for: its policy, or a controller that costs less."""
+    """Return what a finished run stands for: its policy, or a controller that costs less.
+
+    Raise `RunError` if a file of the user's that is part of it has changed since the training.
+    """
+    _require_unchanged(run, parts)
     ending = read_ending(run)
     if ending is None or ending.returned is None:
         return parts.controller(load_policy(run.policy), name)
@@ -74,7 +78,7 @@ def trained_parts(run: Run, *, trust: bool, asked: OwnReward | None = None) -> P
     A base, or the controller that is returned, is tuned by the reward that the run was trained for,
     whatever reward scores it. Where there is neither, no reward has a part in the actions, and none
     is run. A reward that was asked for by the same name has been run, so it needs no trust. Raise
-    as `recorded_parts` does.
+    as `recorded_parts` does, and `RunError` if a file that was run has changed since the training.
     """
     settings, ending, scene = run.read()["settings"], read_ending(run), run.scene()
     has_base = settings.get("base") not in (None, NO_BASE)
@@ -82,7 +86,32 @@ def trained_parts(run: Run, *, trust: bool, asked: OwnReward | None = None) -> P
         settings = settings | {"reward": None}
     elif asked is not None and asked.given == settings.get("reward"):
         scene, settings = rewarded(scene, asked), settings | {"reward": None}
-    return recorded_parts(scene, settings, trust=trust)
+    parts = recorded_parts(scene, settings, trust=trust)
+    _require_unchanged(run, parts)
+    return parts
+
+
+def _require_unchanged(run: Run, parts: Parts) -> None:
+    """Raise `RunError` if a file of the parts holds another text than the run's record."""
+    own = parts.scene.own_reward
+    if parts.base is None and own is None:
+        return
+    record = run.read()
+    used = {
+        "base": parts.base is not None,
+        "reward": own is not None and own.given == record["settings"].get("reward"),
+    }
+    for what in (name for name, is_used in used.items() if is_used):
+        text = record["settings"].get(what)
+        if not isinstance(text, str) or not is_path(text):
+            continue
+        path, _ = split(text, what)
+        if source(path, what) != record.get("code", {}).get(str(path)):
+            msg = (
+                f"{run.folder}: {what}: {path} has changed since the training; "
+                "restore the text that `code` in run.json holds, or train again"
+            )
+            raise RunError(msg)
 
 
 def base_controller(scene: Scene, base: str) -> Controller:

@@ -223,3 +223,27 @@ def test_agent_that_is_a_known_controller_leaves_its_name_alone(tmp_path: Path, 
     monkeypatch.setattr(parts, "read_ending", lambda _: SimpleNamespace(returned="no-control"))
     assert agent_of(Run("any", tmp_path), parts.Parts(scene), "learned").name == "learned"
     assert cached.name == "no control"
+
+
+def test_run_whose_own_code_has_changed_is_not_scored(tmp_path: Path) -> None:
+    law = (
+        "class Law:\n    name = 'mine'\n    def __init__(self, scene): pass\n"
+        "    def action(self, memory, state, applied): return -3.0 * state[:, 2:3], memory\n"
+    )
+    file, run = tmp_path / "law.py", Run("own", tmp_path)
+    file.write_text(law)
+    small = {"lanes": 4, "steps": 400, "evaluations": 1}
+    ppo = {"batch_size": 100, "epochs": 1}
+    settings = changed(ppo, name="own", base=f"{file}:Law", **small)
+    train(settings, run, bar=False)
+
+    def recorded() -> parts.Parts:
+        return recorded_parts(run.scene(), run.read()["settings"], trust=True)
+
+    agent_of(run, recorded())
+    parts.trained_parts(run, trust=True)
+    file.write_text(law.replace("-3.0", "3.0"))
+    with pytest.raises(RunError, match=r"law\.py has changed since the training"):
+        agent_of(run, recorded())
+    with pytest.raises(RunError, match=r"law\.py has changed since the training"):
+        parts.trained_parts(run, trust=True)
