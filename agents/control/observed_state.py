@@ -82,15 +82,22 @@ def _beginning(scene: Scene, name: str) -> float:
     return float(np.mean(values))
 
 
+def _may_mislead(scene: Scene) -> bool:
+    """Return whether sensors may be biased, or show a frame again."""
+    wrong = "sensors.dropout", "sensors.bias."
+    drawn = any(name.startswith(wrong) for name in scene.randomization)
+    return drawn or scene.sensors.dropout > 0.0 or any(scene.sensors.bias.values())
+
+
 class ObservedState(ObservedActuators):
     """Estimate the state from what an agent observes.
 
-    Without noise, if the channels show the whole state, it is read off. Otherwise the scene's own
-    model, which knows no disturbance, predicts each frame, and the frame corrects it by the gain of
-    the stationary Kalman filter (`control.dlqe`) of the plant linearised about rest; the covariance
-    of what disturbs the model is measured on simulated episodes. From a late frame the model
-    predicts the present. Raise `DesignError` if the channels do not show the state: it is not
-    detectable from them.
+    Without noise, bias and dropout, if the channels show the whole state, it is read off. Otherwise
+    the scene's own model, which knows no disturbance, predicts each frame, and the frame corrects
+    it by the gain of the stationary Kalman filter (`control.dlqe`) of the plant linearised about
+    rest; the covariance of what disturbs the model is measured on simulated episodes. From a late
+    frame the model predicts the present. Raise `DesignError` if the channels do not show the state:
+    it is not detectable from them.
 
     Parameters
     ----------
@@ -110,7 +117,8 @@ class ObservedState(ObservedActuators):
         self.unit, noise = self.frame.unit[self.shown], self.frame.noise[self.shown]
         self.noise = np.maximum(noise, FLOOR * self.unit)
         whole = bool(self.shown) and np.linalg.matrix_rank(self.c) == 4  # noqa: PLR2004
-        self.exact = bool(whole and not noise.any() and not self.is_weighed)
+        told = not noise.any() and not _may_mislead(scene)
+        self.exact = bool(whole and told and not self.is_weighed)
         self.inverse = np.linalg.pinv(self.c)
         self.gains = self.inverse[None] if self.exact else self._gains()
         self.model = Model(scene) if self.delays[-1] > 0 or not self.exact else None

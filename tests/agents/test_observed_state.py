@@ -54,6 +54,23 @@ def test_model_moves_as_the_environment_without_disturbance(scene) -> None:
         np.testing.assert_allclose(state, info["state"], rtol=1e-11, atol=1e-14)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sensors.dropout": 0.5},
+        {"sensors.bias": {"carriage_displacement": 0.002}},
+        {"randomization": {"sensors.dropout": (0.0, 0.9)}},
+        {"randomization": {"sensors.bias.carriage_displacement": (0.0, 0.004)}},
+    ],
+)
+def test_frames_that_are_old_or_biased_are_not_read_off(changes) -> None:
+    scene = CARRIAGE_FORCE.replace(**changes)
+    law = Feedback(scene, LQR(CARRIAGE_FORCE))
+    assert not law.source.exact
+    # The law costs 0.052 with exact frames, and 0.13 to 0.54 if these are taken for exact ones.
+    assert evaluate(scene, law, episodes=20).cost < 0.06
+
+
 HYSTERESIS = CARRIAGE_FORCE.replace(
     interface={"kind": "bouc_wen", "stiffness": 50.0, "yield_displacement": 0.005},
     **{"initial.carriage_displacement": 0.01},

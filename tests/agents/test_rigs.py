@@ -44,6 +44,13 @@ def test_a_controller_is_told_the_middle_of_what_is_drawn():
     )
 
 
+def test_sensors_that_show_the_motion_at_once_neither_err_nor_repeat_a_frame():
+    scene = load_scene("mm_gym/CarriageForce-v0")
+    bias = {"carriage_displacement": 0.01}
+    worse = scene.replace(**{"sensors.dropout": 0.5, "sensors.bias": bias})
+    assert rigs.at_once(worse) == rigs.at_once(scene)
+
+
 @pytest.fixture
 def quick(monkeypatch):
     """Make scores of few episodes, and plans of few steps."""
