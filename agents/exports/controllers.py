@@ -33,7 +33,7 @@ def linear_base(base: Controller, scene: Scene) -> Array | None:
     observed = int(np.prod(MovingMassVectorEnv(scene, 1).single_observation_space.shape))
     env = MovingMassVectorEnv(scene, 1 + observed + ASKED)
     env.reset(seed=0)
-    memory = base.begin(env)
+    before = memory = base.begin(env)
     generator = np.random.default_rng(0)
     gains = None
     for _ in range(STEPS):
