@@ -286,9 +286,16 @@ def sealed_page(data: Mapping[str, Any]) -> str:
         for task, rows in data["tasks"].items()
         for one in rows["compared"]
     ]
+    again = [
+        f"{_algorithm(task, row['controller'])} on {short_name(task)}"
+        for task, rows in data["tasks"].items()
+        for row in rows["rows"]
+        if row.get("again")
+    ]
     return render(
         "sealed",
         **data,
+        again=again,
         episodes=SEALED_EPISODES,
         seed=first_seed(data["release"]),
         compared=compared,
