@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
@@ -230,7 +231,7 @@ def _spectrum(options: argparse.Namespace) -> None:
         options.file,
         unit=options.unit,
         time_step=options.time_step,
-        column=int(column) if column is not None and column.isdecimal() else column,
+        column=int(column) if column is not None and re.fullmatch("[0-9]{1,9}", column) else column,
         skip=options.skip,
         variable=options.variable,
     )

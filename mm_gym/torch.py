@@ -183,7 +183,7 @@ class Episodes:
 
     def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
         """Begin episodes; return the observations (num_envs, n) float32."""
-        observation, _ = self.env.reset(seed=seed if isinstance(seed, int | None) else list(seed))
+        observation, _ = self.env.reset(seed=seed)
         start, plant = self.env.get_state(), self.env.plant
         lanes: tuple[Any, Any] = start["values"], start["streams"]
         self._physics = Sensitivities(plant.support, (plant.model, plant.task), lanes)

@@ -343,7 +343,8 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         seeded = flag_of(state, "seeded")
         self._lanes.restore(state, finished)
         self._over = np.flatnonzero(finished)
-        self._seeded = seeded
+        self._seeded, self._draws_seed = seeded, not seeded
+        self._forget_rewards(np.arange(self.num_envs))
         if self._renderer is not None:
             self._renderer.note(watched=False)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array
@@ -27,8 +28,8 @@ class LaneResponse:
     Parameters
     ----------
     env
-        An environment whose episodes have just begun. With autoreset, use the mask of `add` to
-        leave out all episodes after the first.
+        An environment whose episodes have just begun. With autoreset in the next step, use the mask
+        of `add` to leave out all episodes after the first.
 
     Notes
     -----
@@ -40,10 +41,14 @@ class LaneResponse:
     Raises
     ------
     SimulationError
-        If a carriage has no mass.
+        If a carriage has no mass, or episodes begin in the step in which others end: the last state
+        of an episode is then not seen.
     """
 
     def __init__(self, env: MovingMassVectorEnv) -> None:
+        mode = env.autoreset_mode
+        if mode is AutoresetMode.SAME_STEP:
+            refuse("autoreset_mode", mode.value, "NextStep or Disabled", SimulationError)
         self._env = env
         self._values = _values_of(env)
         self._totals = Totals(self._values, is_between=env.plant.support.is_between)

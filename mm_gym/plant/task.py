@@ -239,7 +239,12 @@ def instruments_of(scene: Scene, first: int) -> Instruments:
         names[name], values[row] = row, scene.range_of(name, stated)
 
     sensors, size = scene.sensors, first
-    is_own = sensors.dropout or sensors.bias or is_drawn(scene, "sensors.")
+    # A range of one number counts too: nothing but these rows holds a dropout or a bias.
+    has_faults = any(
+        name == "sensors.dropout" or name.startswith("sensors.bias.")
+        for name in scene.randomization
+    )
+    is_own = has_faults or sensors.dropout or sensors.bias or is_drawn(scene, "sensors.")
     if is_own:
         add(DELAY, size + layout.DELAY, float(sensors.delay))
         add("sensors.dropout", size + layout.DROPOUT, sensors.dropout)

@@ -346,13 +346,13 @@ class Lanes:
             If the field is unknown, no episode has begun, or the start of a set state is asked for.
         """
         row, support = self.plant.support.row_of(name), self.plant.support
-        stays = row == layout.STRETCH and "stretch" not in self.plant.actuators
-        if row > layout.DAMPING or stays:
-            return self.values[row]
         episodes = self.streams[COUNT] >> np.uint64(EPISODE)
         if not episodes.all():
             msg = f"{name}: no episode has begun; call reset first"
             raise SceneError(msg)
+        stays = row == layout.STRETCH and "stretch" not in self.plant.actuators
+        if row > layout.DAMPING or stays:
+            return self.values[row]
         given = self._given.get(row, self._as_drawn)
         if np.isinf(given).any():
             msg = f"{name}: a state was set, and does not tell how its episode began"

@@ -372,3 +372,18 @@ def test_what_cannot_be_drawn_is_refused_by_name(name, ends, finding):
         SCENE.replace(randomization={name: ends})
     assert f"randomization.{name}: " in str(caught.value)
     assert finding in str(caught.value)
+
+
+def test_dropout_and_bias_of_a_range_of_one_number_are_kept():
+    kept = {"sensors.dropout": [0.5, 0.5], "sensors.bias.carriage_displacement": [1e-3, 1e-3]}
+    moving = {"carriage_velocity": [0.1, 0.2]}
+    env = MovingMassVectorEnv(
+        Scene(actuation={"force": {}}, initial=moving, randomization=kept), 400, info="full"
+    )
+    first, info = env.reset(seed=0)
+    scale = env.scene.objective.displacement_scale
+    shown = first[:, 0] * scale - info["state"][:, 0]
+    np.testing.assert_allclose(shown, 1e-3, rtol=0.0, atol=1e-8)
+    second, *_ = env.step(np.zeros((400, 1), np.float32))
+    # Five standard deviations of 400 draws of one half.
+    assert (first == second).all(axis=1).mean() == pytest.approx(0.5, abs=0.125)

@@ -117,6 +117,8 @@ def start_of(env):
 
 def test_drawn_initial_state_is_that_of_each_episode_and_stays_known():
     env = MovingMassVectorEnv(WIDE, 40, max_episode_steps=7, autoreset_mode="SameStep")
+    with pytest.raises(SceneError, match=r"carriage\.mass: no episode has begun"):
+        env.drawn("carriage.mass")
     with pytest.raises(SceneError, match=r"initial\.sphere_offset: no episode has begun"):
         env.drawn("initial.sphere_offset")
     _, info = env.reset(seed=3)

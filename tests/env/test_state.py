@@ -284,3 +284,22 @@ def test_a_copy_of_a_lost_episode_is_made_and_may_be_reset(make, copied):
     twin = copied(env)
     observation, _ = twin.reset(seed=1)
     assert np.isfinite(observation).all()
+
+
+def test_a_fresh_environment_draws_on_from_the_state_that_is_set(make, scene):
+    first, second = make(scene), make(scene)
+    first.reset(seed=3)
+    second.set_state(first.get_state())
+    for env in (first, second):
+        env.reset()
+    np.testing.assert_equal(second.get_state()["values"], first.get_state()["values"])
+
+
+def test_terms_of_a_reward_do_not_outlive_a_state_that_is_set():
+    env = MovingMassVectorEnv(CARRIAGE_FORCE, 2, info="full", autoreset_mode="Disabled")
+    env.reset(seed=0)
+    saved = env.get_state()
+    env.step(np.ones((2, 1), np.float32))
+    env.set_state(saved)
+    _, info = env.reset(options={"reset_mask": np.array([True, False])})
+    assert not info["reward_displacement"].any()

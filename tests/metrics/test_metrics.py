@@ -362,3 +362,10 @@ def test_what_cannot_be_measured_is_refused():
         metrics.indices(three, metrics.uncontrolled_response(rest, [1]))
     with pytest.raises(DesignError, match="dry_friction"):
         metrics.passive_scene(CARRIAGE_FORCE_FRICTION)
+
+
+def test_lanes_that_begin_anew_in_the_same_step_are_refused():
+    env = MovingMassVectorEnv(CARRIAGE_FORCE, 2, autoreset_mode="SameStep")
+    env.reset(seed=0)
+    with pytest.raises(SimulationError, match="autoreset_mode: got SameStep"):
+        metrics.LaneResponse(env)
