@@ -27,12 +27,21 @@ SIZES = {
 """Kind of excitation -> the field that its strength is proportional to."""
 
 REPEATED = ("harmonic", "sweep", "record")
-"""Kinds that are the same function of time in two entries of one scene; so is an impulse of one
-size at a given time."""
+"""Kinds that are the same function of time in two entries of one scene, unless each draws its
+own record; so is an impulse of one size at a given time."""
+
+MEASURES = ("peak", "spectral_acceleration")  # fields of `scale_to` that may be drawn
 
 MAPPINGS = ("exact", "balanced")
 
 SAME = 1e-12  # relative difference of the ground's effect on both masses that is round-off
+
+
+class Effect(NamedTuple):
+    """An entry of a scene, and the factor that multiplied its strength."""
+
+    entry: dict[str, object]
+    factor: float
 
 
 class Shaking(NamedTuple):
@@ -44,7 +53,7 @@ class Shaking(NamedTuple):
 
     def entries(
         self, ground: Entry | Sequence[Entry], mass: float, mapping: str
-    ) -> list[list[dict[str, object]]]:
+    ) -> list[list[Effect]]:
         """Return the one or two entries that stand for each motion of the ground."""
         if mapping not in MAPPINGS:
             nearest = suggest(str(mapping), MAPPINGS)
@@ -58,7 +67,7 @@ class Shaking(NamedTuple):
 
     def _entries(
         self, name: str, entry: dict[str, object], mass: float, mapping: str
-    ) -> list[dict[str, object]]:
+    ) -> list[Effect]:
         kind = entry.get("kind")
         if not isinstance(kind, str) or kind not in SIZES:
             nearest = suggest(kind, SIZES) if isinstance(kind, str) else ""
@@ -66,16 +75,20 @@ class Shaking(NamedTuple):
         if entry.setdefault("target", "ground") != "ground":
             refuse(f"{name}.target", f"{entry['target']!r}", "'ground'", StructureError)
         gamma, own = self.participation, self.ground
+
+        def scaled(factor: float) -> Effect:
+            return Effect(_scaled(name, entry, factor), factor)
+
         if abs(gamma - own) <= SAME * abs(gamma):  # one storey: the ground moves both alike
-            return [_scaled(entry, own)]
+            return [scaled(own)]
         if mapping == "balanced" or not _is_repeated(entry):
-            return [_scaled(entry, self.balance(mass))]
+            return [scaled(self.balance(mass))]
         difference = (gamma - own) * self.mass
         if kind == "record":
-            force = entry | {"target": "force", "inertial_mass": difference}
+            force = Effect(entry | {"target": "force", "inertial_mass": difference}, 1.0)
         else:
-            force = _scaled(entry, -difference) | {"target": "force"}
-        return ([_scaled(entry, own)] if own != 0.0 else []) + [force]
+            force = Effect(scaled(-difference).entry | {"target": "force"}, -difference)
+        return ([scaled(own)] if own != 0.0 else []) + [force]
 
     def balance(self, mass: float) -> float:
         """Return the factor of a motion that moves both alike, with a device of a mass [kg]."""
@@ -89,17 +102,30 @@ def check_mass(mass: float) -> None:
         refuse("mass", f"{mass!r}", allowed, StructureError)
 
 
-def check_draws(drawn: object, shaken: list[list[dict[str, object]]]) -> None:
-    """Refuse draws of two entries that stand for one motion: each would draw its own."""
-    pairs = [len(group) > 1 for group in shaken for _ in group]
-    paired = {f"excitation.{place}" for place, is_pair in enumerate(pairs) if is_pair}
-    for name in cast("dict[str, object]", drawn) if isinstance(drawn, dict) else ():
-        if str(name).rpartition(".")[0] in paired:
+def scaled_draws(drawn: object, shaken: list[list[Effect]]) -> object:
+    """Return a scene's randomization, whose strengths of the ground are multiplied as its entries.
+
+    Draws of two entries that stand for one motion are refused: each would draw its own.
+    """
+    if not isinstance(drawn, dict):
+        return drawn
+    effects = [(effect, len(group) > 1) for group in shaken for effect in group]
+    places = {f"excitation.{place}": effect for place, effect in enumerate(effects)}
+    ranges = dict(cast("dict[str, object]", drawn))
+    for name, value in ranges.items():
+        prefix, _, field = str(name).rpartition(".")
+        if prefix not in places:
+            continue
+        (entry, factor), is_pair = places[prefix]
+        if is_pair:
             msg = (
                 f"randomization.{name}: the ground's motion is two entries of the excitation, "
                 "which would draw different values; set mapping='balanced'"
             )
             raise StructureError(msg)
+        if field == SIZES[cast("str", entry["kind"])]:
+            ranges[name] = _times(field, value, factor)
+    return ranges
 
 
 def _stated(entry: Entry) -> dict[str, object]:
@@ -111,18 +137,50 @@ def _stated(entry: Entry) -> dict[str, object]:
 def _is_repeated(entry: Mapping[str, object]) -> bool:
     if entry["kind"] == "impulse":
         return not entry.get("rate") and isinstance(entry.get("size"), int | float)
-    return entry["kind"] in REPEATED
+    return entry["kind"] in REPEATED and not _draws(entry)
 
 
-def _scaled(entry: Mapping[str, object], factor: float) -> dict[str, object]:
+def _draws(entry: Mapping[str, object]) -> bool:
+    """Tell whether a record draws its file, or the value that it is scaled to."""
+    files, target = entry.get("files"), _target(entry)
+    if isinstance(files, list | tuple):
+        is_set = len(cast("Sequence[object]", files)) > 1
+    else:
+        is_set = files is not None  # a pattern
+    return is_set or any(isinstance(target.get(name), list | tuple) for name in MEASURES)
+
+
+def _target(entry: Mapping[str, object]) -> dict[str, object]:
+    """Return what a record is scaled to; empty if it is not, or if it is no table."""
+    target = entry.get("scale_to")
+    if isinstance(target, Part):
+        return target.model_dump(exclude_unset=True)
+    return dict(cast("Mapping[str, object]", target)) if isinstance(target, Mapping) else {}
+
+
+def _scaled(name: str, entry: Mapping[str, object], factor: float) -> dict[str, object]:
     """Return an entry that is a factor stronger; what cannot be multiplied is left to the scene."""
-    name = SIZES[cast("str", entry["kind"])]
-    value = entry.get(name, 1.0 if name == "scale" else None)
-    if factor == 1.0 or value is None:
+    if factor == 1.0:
         return dict(entry)
-    if isinstance(value, list | tuple):
-        ends = [end * factor for end in cast("Sequence[float]", value)]
-        return {**entry, name: sorted(ends)}
+    size = SIZES[cast("str", entry["kind"])]
+    if size == "scale" and entry.get("scale_to") is not None:
+        if factor <= 0.0:  # a measure has no sign
+            got = f"a record to multiply by {factor:g}"
+            refuse(f"{name}.scale_to", got, "a factor above 0; set scale instead", StructureError)
+        target = _target(entry)
+        measured = {key: _times(key, target[key], factor) for key in MEASURES if key in target}
+        return {**entry, "scale_to": target | measured or entry["scale_to"]}
+    value = entry.get(size, 1.0 if size == "scale" else None)
+    return dict(entry) if value is None else {**entry, size: _times(size, value, factor)}
+
+
+def _times(name: str, value: object, factor: float) -> object:
+    """Return a number or a range that is a factor larger; anything else as it is."""
     if name == "rms":  # a noise has no sign
         factor = abs(factor)
-    return {**entry, name: value * factor} if isinstance(value, int | float) else dict(entry)
+    if isinstance(value, int | float):
+        return value * factor
+    if not isinstance(value, list | tuple):
+        return value
+    ends = [_times(name, end, factor) for end in cast("Sequence[object]", value)]
+    return ends[::-1] if factor < 0.0 else ends

@@ -26,7 +26,7 @@ from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import toml_of
 from mm_gym.simulation.simulate import record_of, simulate
 from mm_gym.simulation.trajectory import Trajectory
-from mm_gym.structure.ground import Shaking, check_draws, check_mass
+from mm_gym.structure.ground import Shaking, check_mass, scaled_draws
 
 if TYPE_CHECKING:
     from mm_gym.simulation.simulate import Policy
@@ -461,8 +461,9 @@ class Reduction:
         The ground's acceleration a moves the carriage as Gamma a, and the device as r_j a. An entry
         for the ground moves both alike, so a force -(Gamma - r_j) m1 a on the carriage is added,
         (S5). This is exact for harmonics, sweeps, records, and impulses of one size at a given
-        time. Noise and random impulses would differ between two entries. They become one entry,
-        scaled by (Gamma m1 + r_j m2) / (m1 + m2), (S6); `balanced_error` returns the error.
+        time. Noise, random impulses, and records that draw their file or the value that they are
+        scaled to would differ between two entries. They become one entry, scaled by
+        (Gamma m1 + r_j m2) / (m1 + m2), (S6); `balanced_error` returns the error.
 
         Parameters
         ----------
@@ -476,9 +477,11 @@ class Reduction:
         Raises
         ------
         StructureError
-            If the mapping is unknown, or an entry has an unknown kind or another target.
+            If the mapping is unknown, an entry has an unknown kind or another target, or the factor
+            of a record with `scale_to` is not above 0.
         """
-        return [entry for group in self.shaking.entries(ground, mass, mapping) for entry in group]
+        shaken = self.shaking.entries(ground, mass, mapping)
+        return [effect.entry for group in shaken for effect in group]
 
     def scene(
         self,
@@ -502,7 +505,8 @@ class Reduction:
             Motions of the ground, see `excitation`.
         fields
             Further fields of the scene, such as control, actuation and objective. Entries of
-            `excitation` are forces on the carriage, at the device's degree of freedom.
+            `excitation` are forces on the carriage, at the device's degree of freedom. Strengths
+            in `randomization` are of the ground's motion, and are scaled as its entry is.
 
         Raises
         ------
@@ -518,11 +522,12 @@ class Reduction:
             raise StructureError(msg)
         forces = cast("Sequence[object]", fields.pop("excitation", ()))
         shaken = self.shaking.entries(ground, mass, mapping)
-        check_draws(fields.get("randomization"), shaken)
+        if "randomization" in fields:
+            fields["randomization"] = scaled_draws(fields["randomization"], shaken)
         return Scene(
             carriage={"mass": self.mass, "stiffness": self.stiffness, "damping": self.damping},
             sphere={"mass": mass},
-            excitation=[*(entry for group in shaken for entry in group), *forces],
+            excitation=[*(effect.entry for group in shaken for effect in group), *forces],
             **tuned,
             **fields,
         )

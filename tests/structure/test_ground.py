@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from mm_gym import SceneError, compile_scene, load_scene, simulate
+from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.scene import Harmonic, Recorded
 from mm_gym.structure import Structure, StructureError, balanced_error, example, white_noise
 
@@ -222,6 +223,94 @@ def test_draws_of_one_entry_are_allowed():
     assert len(scene.excitation) == 1
     pushed = FRAME.scene(0.3, excitation=[HARMONIC], randomization=drawn, **PARTS)
     assert pushed.excitation[0].target == "force"
+
+
+SHARE = FRAME.shaking.balance(0.3)
+NOISE = {"kind": "noise", "rms": 1.5, "high_frequency": 20.0}
+LIMITED = {"actuation": {"force": {"limit": 10.0}}, **PARTS}
+
+
+def drawn_values(scene, *names):
+    env = MovingMassVectorEnv(scene=scene, num_envs=200)
+    env.reset(seed=0)
+    return [env.drawn(name) for name in names]
+
+
+@pytest.mark.parametrize(
+    ("entry", "mapping", "field", "factor"),
+    [
+        (NOISE, "exact", "rms", SHARE),
+        (HARMONIC, "balanced", "amplitude", SHARE),
+        (HARMONIC, "balanced", "frequency", 1.0),
+        ({"kind": "impulse", "size": 0.2, "time": 0.0}, "balanced", "size", SHARE),
+    ],
+)
+def test_drawn_strengths_of_the_ground_are_scaled_as_its_entry(entry, mapping, field, factor):
+    drawn = {f"excitation.0.{field}": [1.0, 2.0], "sphere.mass": [0.2, 0.3]}
+    scene = FRAME.scene(0.3, ground=entry, mapping=mapping, randomization=drawn, **LIMITED)
+    values, masses = drawn_values(scene, f"excitation.0.{field}", "sphere.mass")
+    assert SHARE > 1.1
+    assert [values.min(), values.max()] == pytest.approx([factor, 2.0 * factor], rel=0.02)
+    assert factor <= values.min() < values.max() <= 2.0 * factor
+    assert 0.2 <= masses.min() < masses.max() <= 0.3
+    assert drawn[f"excitation.0.{field}"] == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(("entry", "field"), [(HARMONIC, "amplitude"), (NOISE, "rms")])
+def test_drawn_strengths_are_scaled_where_the_ground_moves_against_the_device(entry, field):
+    opposed = Structure([[2.0]], [[50.0]], 0.02, influence=[-0.5]).reduce(1)
+    drawn = {f"excitation.0.{field}": [1.0, 2.0]}
+    scene = opposed.scene(0.3, ground=entry, randomization=drawn, **PARTS)
+    expected = (0.5, 1.0) if field == "rms" else (-1.0, -0.5)
+    assert scene.randomization[f"excitation.0.{field}"] == expected
+
+
+@pytest.fixture
+def files(tmp_path):
+    for name, peak in (("a", 1.0), ("b", 2.0)):
+        np.save(tmp_path / f"{name}.npy", [[0.0, 0.0], [0.1, peak], [0.2, -0.5]])
+    return [str(tmp_path / f"{name}.npy") for name in "ab"]
+
+
+def test_record_that_draws_by_itself_is_one_entry(files):
+    pattern = files[0].replace("a.npy", "*.npy")
+    own = {"kind": "record", "unit": "m/s^2"}
+    for entry in (
+        own | {"files": files},
+        own | {"files": pattern},
+        own | {"file": files[0], "scale_to": {"peak": [1.0, 3.0]}},
+        own | {"file": files[0], "scale_to": {"spectral_acceleration": (1.0, 3.0), "period": 0.1}},
+        Recorded(**own, target="ground", file=files[0], scale_to={"peak": [1.0, 3.0]}),
+    ):
+        scene = FRAME.scene(0.3, ground=entry, **LIMITED)
+        (part,) = scene.excitation
+        assert part.target == "ground"
+        if part.scale_to is None:
+            assert part.scale == pytest.approx(SHARE)
+            continue
+        measure = part.scale_to.peak or part.scale_to.spectral_acceleration
+        assert measure == pytest.approx((SHARE, 3.0 * SHARE))
+    (values,) = drawn_values(scene, "excitation.0.scale_to.peak")
+    assert SHARE <= values.min() < values.max() <= 3.0 * SHARE
+    for entry in (
+        own | {"files": files[:1]},
+        own | {"file": files[0], "scale_to": {"peak": 2.0}},
+    ):
+        assert [one["target"] for one in FRAME.excitation(entry, 0.3)] == ["ground", "force"]
+
+
+def test_balanced_record_is_scaled_to_more(files):
+    entry = {"kind": "record", "file": files[0], "unit": "m/s^2", "scale_to": {"peak": 2.0}}
+    scene = FRAME.scene(0.3, ground=entry, mapping="balanced", **PARTS)
+    motion = simulate(scene, times=np.linspace(0.0, 0.3, 31)).excitation
+    assert motion[:, 1].max() == pytest.approx(2.0 * SHARE)
+    assert not motion[:, 0].any()
+    assert entry["scale_to"] == {"peak": 2.0}
+    opposed = Structure([[2.0]], [[50.0]], 0.02, influence=[-0.5]).reduce(1)
+    with pytest.raises(StructureError, match=r"ground\.0\.scale_to: got .*-0\.5; allowed"):
+        opposed.scene(0.3, ground=entry, **PARTS)
+    with pytest.raises(SceneError, match=r"excitation\.0\.scale_to: got 3"):
+        FRAME.scene(0.3, ground=entry | {"scale_to": 3}, mapping="balanced", **PARTS)
 
 
 def test_scene_is_written_whole_and_read_as_it_was(tmp_path):
