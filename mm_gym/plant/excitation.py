@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from math import ceil, expm1, inf, log, sqrt
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -17,7 +18,8 @@ from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process, noise, record
 from mm_gym.excitation import kinds as kernels
 from mm_gym.lanes import layout
-from mm_gym.records import Record, read_record
+from mm_gym.records.options import Options
+from mm_gym.records.record import Record, read_with
 from mm_gym.records.spectrum import peak_responses
 from mm_gym.scene.excitation import FilteredNoise, Impulse, NumberOrRange, Recorded, Sampled, Sweep
 from mm_gym.scene.part import Part
@@ -192,21 +194,20 @@ def _record_fields(part: Recorded) -> dict[str, int]:
 
 def _record_samples(part: Recorded) -> tuple[Array, float]:
     is_force = part.target == "force" and part.inertial_mass is None
-    usual = "N" if is_force else "m/s^2"
+    options = Options(
+        unit=part.unit or ("N" if is_force else None),  # a force is never in PEER's g
+        time_step=part.time_step,
+        column=part.column,
+        skip=part.skip,
+        variable=part.variable,
+        usual="m/s^2",
+    )
     mass = 1.0 if part.inertial_mass is None else -part.inertial_mass
     motions: list[Array] = []
     factors: list[float] = []
     shortest, total = inf, 0
     for file in part.paths:
-        peer = file.lower().endswith(".at2") and not is_force
-        motion = read_record(
-            file,
-            unit=part.unit or ("g" if peer else usual),
-            time_step=part.time_step,
-            column=part.column,
-            skip=part.skip,
-            variable=part.variable,
-        )
+        motion = read_with(Path(file), options)
         total += len(motion.times)
         if total > MOST_SAMPLES:
             msg = f"{file}: got {total} samples in the files up to it; allowed: {MOST_SAMPLES}"

@@ -107,13 +107,20 @@ MOST_COLUMNS = 1000  # columns of a file, at most
 
 @dataclass(frozen=True)
 class Options:
-    """The options of `mm_gym.records.read_record`, which documents them."""
+    """The options of `mm_gym.records.read_record`, which documents them.
+
+    Attributes
+    ----------
+    usual
+        Unit of a file without a unit, unless it is in PEER's format; by default it is refused.
+    """
 
     unit: str | None = None
     time_step: float | None = None
     column: int | str | None = None
     skip: int = 0
     variable: str | None = None
+    usual: str | None = None
 
     def check(self) -> None:
         """Raise `SceneError` for an option that no file could have."""

@@ -125,8 +125,11 @@ def read_record(
     DependencyNotInstalled
         If a file of MATLAB 7.3 is read without h5py.
     """
-    file = Path(path)
-    options = Options(unit, time_step, column, skip, variable)
+    return read_with(Path(path), Options(unit, time_step, column, skip, variable))
+
+
+def read_with(file: Path, options: Options) -> Record:
+    """Read a recorded motion with these options, as `read_record` does."""
     options.check()
     unit, times, values, spacing = _read(file, options)
     if len(values) < 2:  # noqa: PLR2004 - the ends of a line
@@ -156,7 +159,8 @@ def _read(file: Path, options: Options) -> tuple[str, Array, Array, float]:
 
 
 def _stated_unit(file: Path, options: Options) -> str:
-    if options.unit is None:
+    unit = options.unit or options.usual
+    if unit is None:
         msg = f"unit: missing; {file} is not in PEER's format AT2. Allowed: {', '.join(UNITS)}"
         raise SceneError(msg)
-    return options.unit
+    return unit

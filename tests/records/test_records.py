@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mm_gym import SceneError
+from mm_gym import Scene, SceneError, compile_scene, simulate
 from mm_gym.records import (
     ACCELERATION_UNITS,
     FORCE_UNITS,
@@ -450,6 +450,31 @@ def test_unit_is_g_by_default_in_peers_format_and_needed_elsewhere(tmp_path):
     contradicted = peer(SAMPLES).replace("UNITS OF G", "UNITS OF CM/S2")
     with pytest.raises(SceneError, match="unit"):
         read(tmp_path, contradicted, unit=None)
+
+
+@pytest.mark.parametrize("name", ["motion.AT2", "motion.txt"])
+def test_scene_reads_a_file_of_peer_in_g_whatever_its_name(tmp_path, name):
+    file = tmp_path / name
+    motion = {"kind": "record", "file": str(file), "target": "ground"}
+    for head in (QUANTITY, "ACCELERATION"):
+        file.write_text(peer(SAMPLES).replace(QUANTITY, head))
+        times = 0.005 * np.arange(len(SAMPLES))
+        shaken = simulate(Scene(excitation=[motion]), times=times).excitation
+        np.testing.assert_allclose(shaken[:, 1], G * np.array(SAMPLES), rtol=1e-12, atol=1e-12)
+        mass = {"target": "force", "inertial_mass": 2.0}
+        pushed = simulate(Scene(excitation=[motion | mass]), times=times).excitation
+        np.testing.assert_allclose(pushed[:, 0], -2.0 * shaken[:, 1], rtol=1e-12, atol=1e-12)
+    file.write_text(peer(SAMPLES))
+    with pytest.raises(SceneError, match=r"excitation\.0\.file: .*units of G; got unit = 'N'"):
+        compile_scene(Scene(excitation=[motion | {"target": "force"}]))
+
+
+def test_scene_reads_columns_without_a_unit_in_si_units(tmp_path):
+    (tmp_path / "motion.csv").write_text("0.0 1.5\n0.01 2.0\n")
+    motion = {"kind": "record", "file": str(tmp_path / "motion.csv")}
+    for column, target in enumerate(("force", "ground")):
+        scene = Scene(excitation=[motion | {"target": target}])
+        assert simulate(scene, times=[0.0, 0.01]).excitation[:, column].tolist() == [1.5, 2.0]
 
 
 @pytest.mark.parametrize(
