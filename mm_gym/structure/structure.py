@@ -222,7 +222,8 @@ def rayleigh_damping(
     Raises
     ------
     StructureError
-        If a matrix is not allowed in a `Structure`, or if two such modes and ratios are not given.
+        If a matrix is not allowed in a `Structure`, if two such modes and ratios are not given, or
+        if the modes have the same frequency.
 
     Notes
     -----
@@ -232,11 +233,14 @@ def rayleigh_damping(
     bare = Structure(mass, stiffness, 0.0)
     if len(modes) != 2 or modes[0] == modes[1]:  # noqa: PLR2004 - a and b
         _refuse("modes", f"{modes!r}", "two different modes")
-    wanted = np.atleast_1d(np.asarray(ratios, np.float64))
+    wanted = _numbers("ratios", ratios)
     if wanted.shape != (2,):
         _refuse("ratios", f"{ratios!r}", "two damping ratios, one a mode")
     places = [bare._counted("modes", mode) for mode in modes]  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
     w = bare.frequencies[places]
+    if abs(w[0] ** 2 - w[1] ** 2) <= EQUAL * w[0] ** 2:
+        got = f"{modes!r}, both of {w[0]:g} rad/s"
+        _refuse("modes", got, "two modes of different frequencies")
     a, b = np.linalg.solve(np.column_stack([0.5 / w, 0.5 * w]), _ratios(wanted))
     return a * bare.mass + b * bare.stiffness
 

@@ -166,6 +166,16 @@ def test_bad_matrices_are_named(arguments, words):
         (lambda: rayleigh_damping(GOOD, STIFF, [0.1, 0.1], [1, 1]), ["structure.modes"]),
         (lambda: rayleigh_damping(GOOD, STIFF, [0.1], [1, 2]), ["structure.ratios"]),
         (lambda: rayleigh_damping(GOOD, STIFF, [0.1, 0.1], [1, 3]), ["structure.modes", "got 3"]),
+        (
+            lambda: rayleigh_damping(GOOD, STIFF, [np.nan, 0.1]),
+            ["structure.ratios", "got NaN", "finite"],
+        ),
+        (lambda: rayleigh_damping(GOOD, STIFF, ["a", 0.1]), ["structure.ratios", "real numbers"]),
+        (lambda: rayleigh_damping(GOOD, STIFF, 0.1), ["structure.ratios", "got 0.1", "two"]),
+        (
+            lambda: rayleigh_damping(GOOD, GOOD, [0.1, 0.1]),
+            ["structure.modes", "(1, 2), both of 1 rad/s", "different frequencies"],
+        ),
         (lambda: example("five_storey"), ["example", "did you mean 'five_storeys'?"]),
     ],
 )
