@@ -14,7 +14,7 @@ from typing import TypeAlias, cast, get_args, get_origin
 from mm_gym.scene.part import Part, parts_of
 from mm_gym.scene.scene import DELAY, ERRORS, Scene
 from mm_gym.step.channels import CHANNELS
-from mm_gym.tasks import ids
+from mm_gym.tasks import ids, robust_ids, short_name
 
 Node: TypeAlias = "Object | list[Node] | str | float | bool | None"
 Object: TypeAlias = "dict[str, Node]"
@@ -31,7 +31,8 @@ def scene_schema() -> str:
     _require_kinds(schema, cast("dict[str, Object]", schema["$defs"]))
     schema = cast("Object", _plain(schema))
     _name_drawn(cast("dict[str, Object]", schema["properties"])["randomization"])
-    base: Object = {"description": BEGINS, "enum": [*ids()]}
+    names = [*ids(), *robust_ids()]
+    base: Object = {"description": BEGINS, "enum": [*names, *map(short_name, names)]}
     schema["properties"] = {"base": base, **cast("Object", schema["properties"])}
     schema = {"$schema": DRAFT, "title": "Scene of mm_gym", **schema}
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"

@@ -145,7 +145,7 @@ def test_schema_completes_the_tasks():
     jsonschema.validate({"base": QUAKE, "carriage": {"mass": 0.2}}, schema)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({"base": "mm_gym/None-v0"}, schema)
-    assert schema["properties"]["base"]["enum"] == ids()
+    assert schema["properties"]["base"]["enum"][: len(ids())] == ids()
 
 
 def test_commands_take_such_a_file(load, tmp_path, capsys):

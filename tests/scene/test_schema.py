@@ -144,3 +144,8 @@ def test_numbers_of_the_scene_are_described():
     described = [name for name, field in fields(SCHEMA["$defs"]) if "description" in field]
     assert {"mass", "stiffness", "tolerance", "rail_half_length"} <= set(described)
     assert "null" not in scene_schema()
+
+
+@pytest.mark.parametrize("name", ["CarriageForce", "mm_gym/HybridRobust-v0", "HybridRobust"])
+def test_every_name_of_a_task_is_a_base(name):
+    jsonschema.validate({"base": name}, json.loads(scene_schema()))
