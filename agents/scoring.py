@@ -126,6 +126,16 @@ def limit_penalty(scene: Scene) -> float:
     return motion + objective.effort_weight * len(scene.actuation.names)
 
 
+def require_root(scene: Scene, penalty: float) -> None:
+    """Raise `SceneError` if an own reward makes a mean penalty [-] negative."""
+    if scene.own_reward is not None and penalty < 0.0:
+        msg = (
+            f"reward: {scene.own_reward.name} is negative on average; allowed for evaluations: a "
+            "mean cost of at least 0, because its root is reported"
+        )
+        raise SceneError(msg)
+
+
 def evaluate(
     scene: Scene,
     controller: Controller,
@@ -174,12 +184,7 @@ def evaluate(
         record[step + 1 :] = record[step]
     limit = np.maximum(limit_penalty(scene), (-rewards).max(axis=0))
     penalties = -rewards.mean(axis=0) + early * (1.0 + (steps - lived) / steps) * limit
-    if scene.own_reward is not None and np.mean(penalties) < 0.0:
-        msg = (
-            f"reward: {scene.own_reward.name} is negative on average; allowed for evaluations: a "
-            "mean cost of at least 0, because its root is reported"
-        )
-        raise SceneError(msg)
+    require_root(scene, float(np.mean(penalties)))
     work = None
     if springs is not None:
         tuned = env.plant.actuators.index("stretch")

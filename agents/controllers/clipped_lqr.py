@@ -78,7 +78,7 @@ def best_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
 
     The search takes long, so what it finds is kept for the next that asks about the same scene.
     """
-    if not any(scene is known for known, _ in _FOUND):
+    if not any(scene == known for known, _ in _FOUND):
         found = searched_pair(
             scene,
             lambda stretch, weight: Both(LQR(scene, stretch), ClippedLQR(scene, stretch, weight)),

@@ -131,17 +131,7 @@ def late(scene: Scene) -> Scene:
 
 def at_once(scene: Scene) -> Scene:
     """Return the scene with sensors that show the motion, and nothing else, exactly and at once."""
-    motion = ("carriage_displacement", "sphere_offset", "carriage_velocity", "sphere_velocity")
-    sensors = {
-        "channels": motion,
-        "delay": 0,
-        "history": 1,
-        "dropout": 0.0,
-        "noise": {},
-        "bias": {},
-    }
-    changed = {f"sensors.{name}": value for name, value in sensors.items()}
-    return scene.replace(randomization=drawn_but(scene, "sensors."), **changed)
+    return scene.replace(sensors={}, randomization=drawn_but(scene, "sensors."))
 
 
 def tuned(scene: Scene) -> list[Feedback]:

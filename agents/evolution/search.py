@@ -28,13 +28,13 @@ from agents.scoring import (
     VALIDATION_EPISODES,
     VALIDATION_SEED,
     limit_penalty,
+    require_root,
     spread_frequency,
     tail_mean,
-    validation_cost,
 )
 from agents.training.config import Count, Positive, SearchSettings, training_seeds
 from agents.training.network import Network
-from agents.training.parts import Parts, base_controller
+from agents.training.parts import base_controller
 from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.search import Search
@@ -260,7 +260,6 @@ class Evolution(Search):
                 for one, count in settings.scenes(scene, settings.episodes)
             ]
         self.worst = settings.worst
-        self.acting = Parts(scene, base, settings.authority)
         validated = Trial(scene, self.network, VALIDATION_EPISODES, *acting)
         self.validation = Candidates(validated, 1)
         self.frames = sum(one.frames for one in self.populations)
@@ -326,9 +325,7 @@ class Evolution(Search):
         seeds = range(VALIDATION_SEED, VALIDATION_SEED + VALIDATION_EPISODES)
         options = spread_frequency(self.scene, VALIDATION_EPISODES)
         (penalty,) = self.validation.costs(parameters["vector"][None], seeds, options)
-        if penalty < 0.0:  # of an own reward, which `evaluate` refuses
-            agent = self.acting.controller(self._policy(parameters))
-            return validation_cost(self.scene, agent, self.worst)
+        require_root(self.scene, penalty)
         return float(np.sqrt(penalty))
 
     def _policy(self, parameters: Arrays) -> Policy:

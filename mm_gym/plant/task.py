@@ -239,12 +239,10 @@ def instruments_of(scene: Scene, first: int) -> Instruments:
         names[name], values[row] = row, scene.range_of(name, stated)
 
     sensors, size = scene.sensors, first
-    # A range of one number counts too: nothing but these rows holds a dropout or a bias.
-    has_faults = any(
-        name == "sensors.dropout" or name.startswith("sensors.bias.")
-        for name in scene.randomization
-    )
-    is_own = has_faults or sensors.dropout or sensors.bias or is_drawn(scene, "sensors.")
+    faults = {"dropout": sensors.dropout}
+    faults |= {f"bias.{name}": sensors.bias.get(name, 0.0) for name in sensors.channels}
+    are_stated = any(middle(scene, f"sensors.{name}", value) for name, value in faults.items())
+    is_own = are_stated or is_drawn(scene, "sensors.")
     if is_own:
         add(DELAY, size + layout.DELAY, float(sensors.delay))
         add("sensors.dropout", size + layout.DROPOUT, sensors.dropout)
