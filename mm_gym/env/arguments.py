@@ -41,7 +41,11 @@ def scene_of(
         allowed = "a Scene, the id of a task or the path of a TOML file"
         refuse("scene", f"{type(scene).__name__}", allowed)
     if changes is not None:
+        drawn = scene.randomization.keys()
         scene = scene.replace(**_checked_changes(changes))
+        for name in sorted(drawn & scene.randomization.keys() & changes.keys()):
+            allowed = f"randomization.{name}, as the scene draws this field"
+            refuse(f"changes: {name}", f"{changes[name]!r}", allowed)
     if not scene.actuation.names:
         msg = (
             "actuation: an environment needs an actuator; set actuation.force, "

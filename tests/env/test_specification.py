@@ -172,6 +172,19 @@ def test_changes_are_a_dictionary(changes):
         MovingMassEnv(NAME, changes=changes)
 
 
+def test_change_of_a_drawn_field_is_refused_unless_it_is_drawn_no_more():
+    """The draw would take the place of the number at every reset."""
+    name, changes = "mm_gym/PreStretchRobust-v0", {"carriage.mass": 2.0}
+    with pytest.raises(SceneError) as caught:
+        MovingMassEnv(name, changes=changes)
+    allowed = "randomization.carriage.mass, as the scene draws this field"
+    assert str(caught.value) == f"changes: carriage.mass: got 2.0; allowed: {allowed}"
+    fixed = MovingMassEnv(name, changes=changes | {"randomization": {}})
+    assert fixed.scene.carriage.mass == 2.0
+    wider = MovingMassEnv(name, changes={"randomization.carriage.mass": [1.0, 2.0]})
+    assert wider.scene.randomization["carriage.mass"] == (1.0, 2.0)
+
+
 def test_scene_is_a_scene_a_name_or_a_path():
     file = path_of(NAME)
     given = [CARRIAGE_FORCE, NAME, file, str(file)]
