@@ -361,6 +361,8 @@ class Scene(Document):
             left_out["excitation"] = {i: {"file", "files"} for i, _ in records}
         whole = hashlib.sha256(self.model_dump_json(exclude=left_out).encode())
         for i, part in records:
+            if i > records[0][0]:
+                whole.update(b"next")  # what one part has differs from what the other has
             try:
                 for path in part.paths:
                     content = read_bytes(path, most=MOST_BYTES)

@@ -495,3 +495,15 @@ def test_wrong_unit_in_a_scene_lists_exactly_those_of_the_target(target, wrong, 
     assert set(allowed.split("'")[1::2]) == set(units)
     for unit in units:
         assert Recorded(**(data | {"unit": unit})).unit == unit
+
+
+def test_digest_tells_which_part_has_which_records(tmp_path):
+    names = [str(tmp_path / f"{name}.csv") for name in "abc"]
+    for k, name in enumerate(names):
+        (tmp_path / name).write_text(f"0.0 {k}.0\n0.01 2.0\n")
+
+    def digest(*sets):
+        parts = [{"kind": "record", "files": files, "target": "force"} for files in sets]
+        return Scene(excitation=parts).digest
+
+    assert digest(names[:1], names[1:]) != digest(names[:2], names[2:])
