@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -45,10 +46,13 @@ def draw_episode(scene: Scene, path: str, *, seed: int = 0, steps: int | None = 
         load_pygame().image.save(picture.draw(last), content, "picture.png")
         write_bytes(path, content.getvalue())
         return
-    video = _video(path, subject.frames)
-    for past in pasts:
-        video.write_frame(picture.pixels(past))
-    video.close()
+    with TemporaryDirectory() as folder:
+        draft = Path(folder) / "episode.mp4"
+        video = _video(str(draft), subject.frames)
+        for past in pasts:
+            video.write_frame(picture.pixels(past))
+        video.close()
+        write_bytes(path, draft.read_bytes())
 
 
 def _pasts(lanes: Lanes, history: History, steps: int) -> Iterator[Past]:

@@ -5,9 +5,11 @@ import sys
 import pygame
 import pytest
 
+from mm_gym import load_scene
 from mm_gym.__main__ import main
 from mm_gym.rendering.episode import draw_episode
 from mm_gym.rendering.look import SIZE
+from mm_gym.rendering.picture import Picture
 from mm_gym.scene import Scene
 
 PRE_STRETCH = "mm_gym/PreStretch-v0"
@@ -30,6 +32,16 @@ def test_video_is_written(tmp_path):
     path = tmp_path / "episode.mp4"
     assert main(["render", PRE_STRETCH, "--out", str(path), "--steps", "5"]) == 0
     assert path.stat().st_size > 1000
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_interrupted_video_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "episode.mp4"
+    path.write_bytes(b"old")
+    monkeypatch.setattr(Picture, "pixels", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        draw_episode(load_scene(PRE_STRETCH), str(path), steps=2)
+    assert path.read_bytes() == b"old"
 
 
 def test_scene_needs_no_actuator(tmp_path):
