@@ -31,7 +31,7 @@ from agents.training.logs import VALIDATION
 from agents.training.own_scene import for_own_scene
 from agents.training.parts import Parts, make_parts
 from agents.training.progress import Progress
-from agents.training.runs import Run
+from agents.training.runs import Run, RunError
 from mm_gym.files import write_bytes
 
 Report = Callable[[int, float], None]
@@ -132,6 +132,12 @@ def learn(model: BaseAlgorithm, steps: int, validation: Validation, *, bar: bool
             validation.save()
             done = told_part(model.num_timesteps, validation.settings.steps, UNIT)
             raise KeyboardInterrupt(done) from None
+        except ValueError as error:
+            if "of distribution" not in str(error):  # what torch says of a spread of 0 or nan
+                raise
+            done, name = model.num_timesteps, validation.settings.algorithm
+            msg = f"diverged before {UNIT} {done}; a smaller {name}.learning_rate may help"
+            raise RunError(msg) from error
         finally:
             # Left open, the garbage collector closes it, perhaps in the thread that draws it.
             if hasattr(drawn, "pbar"):

@@ -149,6 +149,11 @@ def test_time_budget_stops_training(tmp_path: Path) -> None:
     assert run.finished
 
 
+def test_divergence_is_told_in_a_line(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match=r"diverged before control step \d+; a smaller ppo\.learn"):
+        train(changed(ppo={"learning_rate": 1e30}), Run("wild", tmp_path))
+
+
 @pytest.mark.parametrize(
     "file", sorted((ROOT / "configs" / "agents").glob("*.toml")), ids=lambda file: file.stem
 )
