@@ -47,9 +47,10 @@ def suggested(trial: Trial, settings: TrainSettings, name: str) -> TrainSettings
         own["tau"] = _short(trial.suggest_float("tau", 2e-3, 5e-2, log=True))
     data = plain(settings)
     data[settings.algorithm] |= own
-    data["normalise_observations"] = trial.suggest_categorical(
-        "normalise_observations", [False, True]
-    )
+    if settings.scene is None:  # an own scene is always normalised
+        data["normalise_observations"] = trial.suggest_categorical(
+            "normalise_observations", [False, True]
+        )
     if settings.base is not None:
         data["authority"] = _short(trial.suggest_float("authority", 0.1, 1.0))
     return TrainSettings.of(data | {"name": name})

@@ -135,3 +135,9 @@ def test_every_suggestion_is_a_file_of_settings(algorithm, tmp_path):
     assert read == own.model_copy(update={"name": "own"})
     assert read.chosen != TrainSettings(algorithm=algorithm).chosen
     assert {"normalise_observations", "authority"} <= trial.params.keys()
+
+
+def test_normalisation_is_not_searched_where_it_is_always_on():
+    trial = optuna.create_study().ask()
+    suggested(trial, TuneSettings(scene="configs/structures/frame.toml"), "trial-0")
+    assert "normalise_observations" not in trial.params
