@@ -53,6 +53,9 @@ class ResultsSettings(SweepSettings):
 @command
 def main(settings: ResultsSettings) -> str | None:
     """Train and write from the command line."""
+    if len(settings.variants) > 1:
+        got = ", ".join(settings.variants)
+        return f"error: variants: got {got}; allowed: one; a row is a task, an algorithm and a seed"
     data, trials = Path(settings.out).with_suffix(".json"), settings.trials()
     known, problem = read_results(data) if os.path.lexists(data) else NOTHING, None
     if settings.train:

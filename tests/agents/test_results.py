@@ -341,6 +341,11 @@ class TestCommand:
         assert "no finished training here" in call("--no-train")
         assert not (tmp_path / "page.md").exists()
 
+    def test_several_variants_are_refused(self, call):
+        """Their rows would take each other's place."""
+        told = call("--no-train", "--variants", '{"one": {}, "two": {}}')
+        assert told.startswith("error: variants: got one, two; allowed: one")
+
     def test_unknown_setting_is_named(self, call):
         with pytest.raises(SystemExit):
             call("--seds", "3")
