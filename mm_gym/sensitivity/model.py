@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mm_gym.arrays import Array
+from mm_gym.errors import SimulationError
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process as process
 from mm_gym.excitation import kinds as kernels
@@ -16,13 +17,16 @@ from mm_gym.lanes import layout
 from mm_gym.methods.base import Settings, degree, header
 from mm_gym.methods.linear.kernel import TRANSITION
 from mm_gym.methods.linear_series.method import LONGEST_PIECE
+from mm_gym.methods.runge_kutta import layout as runge_kutta
 from mm_gym.methods.runge_kutta.method import RungeKutta
 from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.methods.taylor import layout as series
 from mm_gym.sensitivity import layout as slots
 from mm_gym.sensitivity.linear_kernel import propagate
 
-TOLERANCE = 1e-12  # of motion and deviations, where steps are Runge-Kutta's
+TOLERANCE = 1e-12
+"""Of motion and deviations by Runge-Kutta steps; ten times as much, and so on, where they would be
+too many."""
 
 _RUNGE_KUTTA = RungeKutta()
 
@@ -43,7 +47,13 @@ def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> 
     """
     model = header(support, slots.CAUSES - layout.MODEL_OWN + width)
     if support.is_general:
-        steps = _RUNGE_KUTTA.model(support, Settings(TOLERANCE, 1))
+        plans = (_RUNGE_KUTTA.model(support, Settings(TOLERANCE * 10.0**k, 1)) for k in range(12))
+        steps = next((one for one in plans if one[runge_kutta.STEPS] > 0.0), None)
+        if steps is None:
+            settings = Settings(TOLERANCE, 1)
+            reason = _RUNGE_KUTTA.limit(support) or _RUNGE_KUTTA.failing(support, settings)
+            msg = f"jacobian: not by {_RUNGE_KUTTA.title}: {reason}"
+            raise SimulationError(msg)
         model[: len(steps)] = steps
     model[series.HAS_FRICTION] = support.slips
     model[series.IS_CUBIC] = support.is_cubic or layout.BETA in causes

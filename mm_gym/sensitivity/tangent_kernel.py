@@ -22,6 +22,7 @@ from mm_gym.law.interface import (
     Interface,
     Law,
     force_of,
+    own_at,
     own_states_of,
     parameters_of,
     rates_of,
@@ -189,11 +190,10 @@ def _error(interface, model, b, h):
     zero, error = tangent(0.0, everywhere(0.0)), tangent(0.0, everywhere(0.0))
     q1, q2, r1, r2 = summed(b, number, zero, zero)
     o1, o2, s1, s2 = summed(b, number + 1, zero, zero)
-    none = everywhere(0.0)
-    error = _over(model, h, (q1, q2), (o1, o2), (layout.V1, layout.V2), b, error, none)
-    error = _over(
-        model, h, (h * r1, h * r2), (h * s1, h * s2), (layout.X1, layout.X2), b, error, none
-    )
+    rounded = _rounded(interface, b)
+    error = _over(model, h, (q1, q2), (o1, o2), (layout.V1, layout.V2), b, error, rounded)
+    ways, others = (h * r1, h * r2), (h * s1, h * s2)
+    error = _over(model, h, ways, others, (layout.X1, layout.X2), b, error, h * rounded)
     moves = larger(_size(b, (layout.X1, layout.X2)), _size(b, (layout.V1, layout.V2)))
     own = runge_kutta.summed_own(interface, b, number, (zero, zero))
     other = runge_kutta.summed_own(interface, b, number + 1, (zero, zero))
@@ -210,6 +210,24 @@ def _error(interface, model, b, h):
 
 
 @inlined_kernel
+def _rounded(interface, b):
+    """Return what rounding leaves of a velocity's deviations that an own state balances.
+
+    For example z of hysteresis loses by the yield displacement what the force gains by it.
+    """
+    if own_states_of(interface) == 0:
+        return everywhere(0.0)
+    offset, slip, p = b[1] - b[0], b[3] - b[2], from_row(b, slots.PARAMETERS)
+    first, second = own_at(interface, b, slots.OWN)
+    still = everywhere(0.0)
+    frozen = tangent(value_of(first), still), tangent(value_of(second), still)
+    given = slopes_of(force_of(interface, p, offset, slip, (first, second)))
+    given = given - slopes_of(force_of(interface, p, offset, slip, frozen))
+    by_mass = value_of(b[slots.BY_M1]) + value_of(b[slots.BY_M2])
+    return abs(given) * (runge_kutta.ROUND_OFF * by_mass)
+
+
+@inlined_kernel
 def _size(b, rows):
     """Return how large the deviations of two rows are over the motion in them."""
     scale, width = 0.0, everywhere(0.0)
@@ -221,17 +239,17 @@ def _size(b, rows):
 
 
 @inlined_kernel
-def _over(model, h, fifth, third, rows, b, error, moves):
+def _over(model, h, fifth, third, rows, b, error, least):
     """Return the larger of an error over its limit and of that of two rows, of which is the scale.
 
     Positions are compared with positions, velocities with velocities, each column by itself. An own
     state that is saturated forgets its deviations: they count as far as those of the motion, over
-    it, which are `moves`.
+    it, which are `least`. Of the motion `least` is what rounding leaves of the deviations.
     """
     limit = model[slots.LIMIT] * max(h / model[layout.SAMPLE_INTERVAL], runge_kutta.LEAST_ALONE)
     limit = max(limit, runge_kutta.ROUND_OFF)
     value, slopes = value_of(error), slopes_of(error)
-    scale, width = 0.0, everywhere(0.0)
+    scale, width = 0.0, everywhere(runge_kutta.TINY)  # where there is no deviation at all
     for side in range(2):
         start, end = b[rows[side]], b[slots.END + rows[side]]
         scale = max(scale, abs(value_of(start)), abs(value_of(end)))
@@ -240,7 +258,9 @@ def _over(model, h, fifth, third, rows, b, error, moves):
         part = model[layout.SAMPLE_INTERVAL] / h
         kick = b[slots.OWN_KICKS + rows[0] - slots.OWN]
         scale = max(scale, abs(value_of(kick)) * part)
-        width = larger(larger(width, abs(slopes_of(kick)) * part), moves * scale)
+        width = larger(larger(width, abs(slopes_of(kick)) * part), least * scale)
+    else:
+        width = width + least * (1.0 / limit)
     if rows[0] == layout.V1:  # what rounding leaves of balanced forces
         forces = abs(value_of(b[slots.FORCE])) + abs(value_of(b[slots.PAIR]))
         forces += abs(value_of(b[slots.LINEAR]) * value_of(b[0]))

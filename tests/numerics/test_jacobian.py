@@ -17,6 +17,7 @@ from mm_gym import (
     SimulationError,
     compile_scene,
     load_scene,
+    simulate,
 )
 from mm_gym.lanes import layout
 from mm_gym.sensitivity import Sensitivities
@@ -435,3 +436,58 @@ def test_a_lane_that_stays_behind_is_an_error(status: int) -> None:
     for step in (physics.step, physics.jacobian):
         with pytest.raises(SimulationError, match="one control step"):
             step(np.zeros((1, 2)))
+
+
+STEEP = {
+    "kind": "stribeck",
+    "static_coefficient": 0.5,
+    "kinetic_coefficient": 0.3,
+    "reference_velocity": 0.002,
+    "stribeck_velocity": 0.05,
+}
+
+
+def test_jacobian_of_steep_friction_ends_where_the_motion_does() -> None:
+    """No plan of steps is short enough for it at the tolerance that others have."""
+    scene = Scene(interface=STEEP, control={"time_step": 0.005}, actuation={"force": {}})
+    names = "carriage_displacement", "sphere_offset", "carriage_velocity", "sphere_velocity"
+    start = dict(zip(names, (0.01, 0.01, 0.3, -0.1), strict=True))
+    moved = simulate(scene.replace(initial=start), duration=0.005).state[-1]
+    found = compile_scene(scene).jacobian([0.01, 0.02, 0.3, -0.1], [0.0])
+    np.testing.assert_allclose(found.end[:4], moved, rtol=1e-8)
+    others = compile_scene(scene.replace(**{"interface.reference_velocity": 0.01}))
+    others.jacobian([0.5, 0.6, 1.0, 2.0], [0.0])
+    again = compile_scene(scene).jacobian([0.01, 0.02, 0.3, -0.1], [0.0])
+    assert np.array_equal(again.end, found.end)
+    assert np.array_equal(again.state, found.state)
+
+
+HYSTERESIS = {
+    "stiffness": 300.0,
+    "stiffness_ratio": 0.1,
+    "yield_displacement": 1e-3,
+    "exponent": 2.0,
+    "shape": 0.7,
+    "damping": 0.1,
+}
+
+
+@pytest.mark.parametrize("name", HYSTERESIS)
+def test_hysteresis_has_derivatives_where_an_episode_begins(name: str) -> None:
+    """At z = 0 the force's derivative over the yield displacement is that of z, with its sign."""
+    plants = [
+        compile_scene(
+            Scene(
+                interface={"kind": "bouc_wen", **HYSTERESIS, name: part * HYSTERESIS[name]},
+                control={"time_step": 0.01},
+                actuation={"force": {}},
+            )
+        )
+        for part in (1.0 - 1e-5, 1.0, 1.0 + 1e-5)
+    ]
+    start, force, field = [0.01, 0.02, 0.3, -0.1, 0.0], [0.3], f"interface.{name}"
+    low, _, high = (plant.jacobian(start, force).end for plant in plants)
+    slope = (high - low) / (2e-5 * HYSTERESIS[name])
+    found = plants[1].jacobian(start, force, parameters=[field]).parameters[field]
+    floor = 1e-7 * abs(slope).max() + 1e-300  # while z grows, the shape has no effect
+    np.testing.assert_allclose(found[: len(slope)], slope, rtol=1e-5, atol=floor)
