@@ -113,7 +113,8 @@ def steer(task, lanes, wanted):
             if own > 0:
                 factor, rate = lanes[own + layout.LAG_FACTOR, 0], lanes[own + layout.TRAVEL, 0]
             low, high = task[slot + LOW], task[slot + HIGH]
-            lanes[row, 0] = approach(lanes[row, 0], wanted[k], factor, rate, low, high)
+            within = clip(wanted[k], low, high)
+            lanes[row, 0] = approach(lanes[row, 0], within, factor, rate, low, high)
 
 
 @borrowing_kernel

@@ -65,6 +65,15 @@ def test_limits_and_rate_limits_apply_to_commands():
     assert stretch == pytest.approx(np.minimum(1.5 + 0.04 * np.arange(1, 42), 3.0), rel=1e-14)
 
 
+def test_commands_beyond_the_limits_lag_as_those_of_an_environment_do():
+    changes = {"actuation.force": {"lag": 0.05, "limit": 4.0}}
+    scene = PUSHED.replace(**changes)
+    duration = 3 * scene.control.time_step
+    far, near = (simulate(scene, duration=duration, action=[force]) for force in (40.0, 4.0))
+    assert np.array_equal(far.action, near.action)
+    assert far.action[-1, 0] < 4.0
+
+
 def test_without_an_action_actuators_keep_their_initial_values():
     trajectory = simulate(BOTH)
     assert (trajectory.action == [0.0, 1.5]).all()
