@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mm_gym import CompileError, Scene, SceneError, compile_scene, simulate
+from mm_gym import CompileError, Scene, SceneError, SimulationError, compile_scene, simulate
 from mm_gym.analysis.linear import modes
 from mm_gym.compiler.jit import inlined_kernel
 from mm_gym.env.vector import MovingMassVectorEnv
@@ -493,3 +493,17 @@ def test_a_source_of_energy_is_refused() -> None:
 def test_kinetic_friction_is_at_most_static() -> None:
     with pytest.raises(SceneError, match=r"kinetic_coefficient: got 0\.4; allowed: at most"):
         scene_of(STRIBECK | {"kinetic_coefficient": 0.4})
+
+
+@pytest.mark.parametrize("interface", [{"kind": "viscous"}, BOUC_WEN | {"stiffness": 5.0}])
+def test_collapse_of_a_spring_is_named_whatever_the_interface(interface: dict[str, Any]) -> None:
+    springs = {"kind": "finite_stretch", "stiffness": 35.0, "rest_length": 0.02, "stretch": 2.5}
+    scene = Scene(
+        interface=interface,
+        springs=springs,
+        initial={"sphere_offset": 0.019, "sphere_velocity": 8.0},
+        actuation={"stretch": {"minimum": 1.0, "maximum": 3.0}},
+        control={"time_step": 0.005},
+    )
+    with pytest.raises(SimulationError, match="shortened a spring of finite stretch to nothing"):
+        simulate(scene, duration=0.05, action=np.array([[3.0], *9 * [[1.0]]]))

@@ -87,6 +87,9 @@ need."""
 SAFETY, LONGER, SHORTER = 0.9, 4.0, 0.125
 """Of the next step: what is left of the length that would just do, and its limits."""
 
+NEARLY_COLLAPSED = 0.99
+"""Part of the way to the collapse of a spring, from which steps that are too many are its."""
+
 REMAINDER, ASTRAY, ASLANT = 1.0 / 16.0, 2.0, 0.25
 """Largest error of a velocity between the ends of a step. Of Hermite's cubic, h^4 / 384 of the
 fourth derivative: of what a slip velocity may differ from it, and of the way, over h, by which its
@@ -276,9 +279,18 @@ def _empty(law, model, lanes, w, idle, status):
                 lanes[state_row(model, row, states_of(law)), lane] = own[row, k]
         elif is_line(law):
             status = max(status, taylor.propagate(model, lanes, lane, lane + 1))
+        elif _is_finite(law, model) and _collapses(own, k):
+            status = max(status, layout.COLLAPSED)
         else:
             status = max(status, layout.TOO_MANY_STEPS)
     return idle, status
+
+
+@inlined_kernel
+def _collapses(own, k):
+    """Tell whether a lane's offset has shortened a spring of finite stretch to next to nothing."""
+    shortened = abs(own[1, k] - own[0, k]) * own[slots.BY_L0, k]
+    return not shortened < NEARLY_COLLAPSED * own[slots.STRETCH, k]
 
 
 @borrowing_kernel
