@@ -1,18 +1,24 @@
 """Clipped-optimal control: a damper that gives what it can of a regulator's force."""
 
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 
 from agents.control.actuators import (
     SWITCHINGS,
     Actuators,
     Command,
+    Damper,
+    Lead,
     MagnetorheologicalDamper,
     Switching,
 )
 from agents.control.controller import Acted, Law, Memory
-from agents.control.scene import drawn_but, require_number
+from agents.control.scene import STATES, drawn_but, require_number
 from agents.controllers.lqr import design
-from agents.controllers.registry import Entry, unless
+from agents.controllers.registry import Entry, Free, Tunable, unless
 from agents.controllers.searched import over_decades
 from agents.controllers.semi_active import SemiActive, damper_entry
 from mm_gym import DesignError, Scene
@@ -125,6 +131,39 @@ def regulated(scene: Scene, weight: float) -> Scene:
     )
 
 
+def free_numbers(scene: Scene, switching: Switching) -> dict[str, Free]:
+    """Return the regulator's weight, factors of the lead and of its gains, and of what is on.
+
+    Gains are free because the regulator knows neither what is clipped nor that a damper takes
+    energy out alone. What an on-off damper has where it is on is in [N s/m].
+    """
+    command = Command(scene, "damping")
+    numbers = {"weight": Free(0.1), "lead": Free(1.0, 0.3, ratio=False, low=0.0)}
+    if switching == "on-off":
+        numbers["on"] = Free(command.high, 0.3, low=command.low, high=command.high)
+    return numbers | {f"gain_{state}": Free(1.0, 0.3, ratio=False) for state in STATES}
+
+
+def with_free_gains(
+    scene: Scene, numbers: Mapping[str, float], switching: Switching
+) -> ClippedOptimal:
+    """Return clipped-optimal control of free numbers."""
+    law = ClippedOptimal(scene, switching, numbers["weight"])
+    law.device = Damper(scene, switching, numbers.get("on"))
+    law.lead = Lead(scene, "damping", numbers["lead"])
+    factors = np.array([numbers[f"gain_{STATES[k]}"] for k in law.design.states])
+    law.design = replace(law.design, gain=law.design.gain * factors)
+    law.name = f"clipped-optimal, {switching}, free gains"
+    return law
+
+
+def _tuned(switching: Switching, order: int) -> Entry:
+    name = f"tuned-clipped-optimal-{switching}"
+    free = partial(free_numbers, switching=switching)
+    tunable = Tunable(name, free, partial(with_free_gains, switching=switching))
+    return tunable.entry(("damping",), order, label=f"clipped-optimal, {switching}, free gains")
+
+
 def _in_parallel(scene: Scene) -> bool:
     return scene.actuation.is_between and scene.actuation.damped == "interface.damping"
 
@@ -136,6 +175,7 @@ def _switched(switching: Switching, order: int) -> Entry:
 
 ENTRIES = (
     *(_switched(switching, 44) for switching in SWITCHINGS),
+    *(_tuned(switching, 50 + k) for k, switching in enumerate(SWITCHINGS)),
     Entry(
         "clipped-optimal-and-force",
         ("force", "damping"),

@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
 
-from agents.control.actuators import GRID, Lead
+from agents.control.actuators import GRID, SWITCHINGS, Lead
 from agents.control.feedback import Feedback
 from agents.control.scene import sphere_springs
-from agents.controllers.clipped_optimal import ClippedOptimal, SharedForce
+from agents.controllers.clipped_optimal import (
+    ClippedOptimal,
+    SharedForce,
+    free_numbers,
+    with_free_gains,
+)
 from agents.controllers.constant import no_control, uncontrolled
 from agents.controllers.energy_shaping import EnergyShaping
 from agents.controllers.learned import Learned
@@ -178,6 +183,18 @@ def test_clipped_optimal_follows_the_force_of_a_regulator(of):
     assert ((ratio > LOW) & (ratio < HIGH)).sum() > 5
     found = commanded(ClippedOptimal(scene, "on-off", weight))
     np.testing.assert_allclose(found, np.where(ratio > 0.0, HIGH, LOW), rtol=1e-13)
+
+
+@pytest.mark.parametrize("switching", SWITCHINGS)
+def test_free_gains_begin_with_those_of_the_regulator(switching):
+    first = {name: one.first for name, one in free_numbers(SHAKEN, switching).items()}
+    design = ClippedOptimal(SHAKEN, switching, first["weight"]).design
+    law = with_free_gains(SHAKEN, first, switching)
+    assert np.array_equal(law.design.gain, design.gain)
+    assert law.device.on == HIGH
+    other = with_free_gains(SHAKEN, first | {"gain_v1": 3.0, "lead": 0.0}, switching)
+    np.testing.assert_allclose(other.design.gain / design.gain, [[1.0, 1.0, 3.0, 1.0]])
+    assert other.lead.time == 0.0
 
 
 @pytest.mark.parametrize(
