@@ -66,7 +66,7 @@ class EvolveSettings(SearchSettings):
     """threads that share a generation; results do not depend on it"""
     base: str | None = None
     """controller that the network is added to, a name or "FILE.py:NAME", with its own memory; it
-    observes the controller's action too and begins without influence, whatever the law"""
+    observes the controller's action too and begins without influence, whatever `--law` says"""
     authority: Annotated[float, Field(gt=0, le=2)] = 1.0
     """largest action that it adds to the base's, which ranges from -1 to 1"""
 

@@ -1,4 +1,4 @@
-"""The laws as which networks begin: exactly or nearly, as functions of the observation."""
+"""The controllers as which networks begin: exactly or nearly, as functions of the observation."""
 
 from __future__ import annotations
 
