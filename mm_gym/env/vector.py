@@ -358,7 +358,9 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         if self._renderer is not None:
             self._renderer.close()
 
-    def closed_loop(self, law: Callable[..., None], *arguments: object) -> Callable[[], Episodes]:
+    def closed_loop(
+        self, controller: Callable[..., None], *arguments: object
+    ) -> Callable[[], Episodes]:
         """Return a function that takes every lane through its episode to the end.
 
         Between the control steps no Python runs, and the GIL is free. The function may be called
@@ -366,26 +368,26 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
         Parameters
         ----------
-        law
-            A function ``law(observed, actions, *arguments)`` that `numba.njit` has compiled. It
-            returns nothing, and is called before each control step of all lanes.
+        controller
+            A function ``controller(observed, actions, *arguments)`` that `numba.njit` has compiled.
+            It returns nothing, and is called before each control step of all lanes.
 
             - ``observed``, read: (n, columns) float32. A lane's observation is a column; there may
               be more columns than lanes.
             - ``actions``, to be written: (k, lanes) float32, as `step` takes them, transposed.
         *arguments
             Arrays, numbers and tuples of them, of the caller's own. What arrays hold is read anew
-            in each control step, so they may be changed between two episodes, and be the law's
-            memory.
+            in each control step, so they may be changed between two episodes, and be the
+            controller's memory.
 
         Raises
         ------
         TypeError
-            If the law is not compiled, or returns something.
+            If the controller is not compiled, or returns something.
         ResetNeeded, ActionError, SimulationError
-            From the function, as from `step`; the last one also if the law raises an error.
+            From the function, as from `step`; the last one also if the controller raises an error.
         """
-        loop = ClosedLoop(self._lanes, law, arguments)
+        loop = ClosedLoop(self._lanes, controller, arguments)
 
         def run() -> Episodes:
             if self._over.size:

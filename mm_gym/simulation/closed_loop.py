@@ -1,4 +1,4 @@
-"""Whole episodes of lanes under a compiled law."""
+"""Whole episodes of lanes under a compiled controller."""
 
 from __future__ import annotations
 
@@ -32,28 +32,28 @@ class Episodes(NamedTuple):
 
 
 class ClosedLoop:
-    """Lanes under a law that acts on what is observed.
+    """Lanes under a controller that acts on what is observed.
 
     Parameters
     ----------
     lanes
         The lanes.
-    law, arguments
+    controller, arguments
         As for `MovingMassVectorEnv.closed_loop`.
     """
 
     def __init__(
-        self, lanes: Lanes, law: Callable[..., None], arguments: tuple[object, ...]
+        self, lanes: Lanes, controller: Callable[..., None], arguments: tuple[object, ...]
     ) -> None:
-        self._lanes, self._law = lanes, law  # whose machine code is called by address
+        self._lanes, self._controller = lanes, controller  # whose machine code is called by address
         actions = np.zeros((len(lanes.plant.actuators), lanes.count), np.float32)
         self._rewards = lanes.rewards = np.zeros(lanes.count)
         step, known = lanes.step_with(actions.reshape(-1))
         given = (known[3][: len(lanes.observed)], actions, *arguments)
-        _check(law, given)
+        _check(controller, given)
         reward, read = lanes.reward_with()
         constants = (
-            *(address_of(law, *given), given, address_of(step, *known), known),
+            *(address_of(controller, *given), given, address_of(step, *known), known),
             *(address_of(reward, *read), read),
         )
         self._run = partial(entry_point(run, *constants, self._empty()), *constants)
@@ -69,20 +69,20 @@ class ClosedLoop:
         found, self._lanes.rewards = self._empty(), self._rewards
         status = self._run(found)
         if status == LAW_FAILED:
-            msg = "law: raised an error in compiled code; call it from Python to see which"
+            msg = "controller: raised an error in compiled code; call it from Python to see which"
             raise SimulationError(msg)
         self._lanes.raise_for(status)
         return found
 
 
-def _check(law: Any, given: tuple[object, ...]) -> None:  # noqa: ANN401 - anything may be given
-    """Raise `TypeError` unless a law can be called by address."""
+def _check(controller: Any, given: tuple[object, ...]) -> None:  # noqa: ANN401 - anything may be given
+    """Raise `TypeError` unless a controller can be called by address."""
     if not COMPILED:
         return
-    if not hasattr(law, "overloads"):
-        msg = f"law: got {law!r}; allowed: a function that numba.njit has compiled"
+    if not hasattr(controller, "overloads"):
+        msg = f"controller: got {controller!r}; allowed: a function that numba.njit has compiled"
         raise TypeError(msg)
-    returned = compiled_for(law, *given).signature.return_type
+    returned = compiled_for(controller, *given).signature.return_type
     if returned != types.none:
-        msg = f"law: returns {returned}; allowed: nothing, it writes the actions"
+        msg = f"controller: returns {returned}; allowed: nothing, it writes the actions"
         raise TypeError(msg)

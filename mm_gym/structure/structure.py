@@ -441,7 +441,7 @@ class Reduction:
         lines = [
             f"mode {self.mode} of {self.structure.count}, device at {self.place}",
             f"frequency {hertz[self.mode - 1]:.6g} Hz, damping ratio {self.damping_ratio:.4g}",
-            f"shape {shape}",
+            f"mode shape {shape}",
             f"m1 {self.mass:.6g} kg, k1 {self.stiffness:.6g} N/m, d {self.damping:.6g} N s/m",
         ]
         lines.append(

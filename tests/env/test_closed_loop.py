@@ -113,13 +113,13 @@ class TestBadLaws:
             self.env.closed_loop(law.py_func)
 
     def test_result_is_refused(self):
-        with pytest.raises(TypeError, match="law: returns float32; allowed: nothing"):
+        with pytest.raises(TypeError, match="controller: returns float32; allowed: nothing"):
             self.env.closed_loop(returning)
 
     @pytest.mark.parametrize(
         ("given", "arguments", "error", "message"),
         [
-            (failing, (), SimulationError, "law: raised an error in compiled code"),
+            (failing, (), SimulationError, "controller: raised an error in compiled code"),
             (pushing, (np.nan,), ActionError, "action: got NaN or infinity"),
         ],
     )

@@ -231,7 +231,7 @@ def test_motion_and_closed_loops_are_the_same_without_private_names(tmp_path):
     assert err == ""
     assert altered == expected.splitlines()
     assert altered[0].endswith(" True")
-    assert altered[-1].startswith("law: raised an error in compiled code")
+    assert altered[-1].startswith("controller: raised an error in compiled code")
 
 
 def test_warming_fails_where_nothing_can_be_kept(monkeypatch, capsys):
