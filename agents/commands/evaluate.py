@@ -1,4 +1,4 @@
-"""Score a trained agent against every controller.
+"""Score a trained agent against the quick classical controllers.
 
 For example ``python -m agents evaluate runs/first``. Writes tables and figures into the run's
 folder and prints the ranking by the task's cost. Nothing in the folder is run: policies are files
@@ -55,8 +55,8 @@ class Arguments:
     subjects: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """either one finished run, runs/NAME (with --controller a task or a scene file); or several
     subjects to compare, or one with --tasks: a controller's name (a wrong one lists them),
-    "baselines" for all of them, the folder of a run, a pattern of folders in quotes for the seeds
-    of one training, a policy's file, or FILE.py:NAME"""
+    "baselines" for the quick ones, the folder of a run, a pattern of folders in quotes for the
+    seeds of one training, a policy's file, or FILE.py:NAME"""
     tasks: tuple[str, ...] = ()
     """tasks to compare on, such as Hybrid, or scene files; by default those of the runs, or all"""
     episodes: int | None = None

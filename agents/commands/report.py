@@ -1,8 +1,9 @@
 """Write one web page of finished runs: tables and charts, without any network.
 
 For example ``python -m agents report runs/first runs/second``. The page compares the runs with
-every controller on their task: costs with intervals, responses, spectra, an animation, robustness,
-and what made each run. It is one file that can be sent to others and opened anywhere.
+the quick classical controllers on their task: costs with intervals, responses, spectra, an
+animation, robustness, and what made each run. It is one file that can be sent to others and opened
+anywhere.
 """
 
 import os

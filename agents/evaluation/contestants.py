@@ -25,7 +25,7 @@ from mm_gym.errors import suggest
 from mm_gym.tasks import ids, robust_ids, task_or_scene
 from mm_gym.user_code import is_path
 
-BASELINES = "baselines"  # the name of all classical controllers that apply to a task
+BASELINES = "baselines"  # the name of the quick classical controllers that apply to a task
 SEEDS, EACH = 5, 64  # seeds and episodes of each where none are asked for
 LEAST = 2  # least number of episodes of a seed
 
