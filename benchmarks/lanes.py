@@ -79,7 +79,7 @@ control step of the whole length.
 The tables list the million steps/s of the fastest setting that attains the error. In brackets is
 the speed of mm_gym as a multiple of this speed. "-" means that no setting attains the error.
 
-![Million steps/s over the error, for each task](lanes.png)
+![Million steps/s over the error, for seven of the tasks](lanes.png)
 """
 
 HELD = f"The same action for all {STEPS} control steps, in one call:"

@@ -95,8 +95,8 @@ def single() -> str:
     header = (
         "environment, unwrapped",
         "µs a step",
-        "times faster than MountainCarContinuous",
-        "than CartPole",
+        "speed over that of MountainCarContinuous",
+        "of CartPole",
     )
     return f"## One environment\n\n{PROCESSOR}\n{table(header, rows)}\n"
 
@@ -131,7 +131,7 @@ def vector() -> str:
         f"{LANES:,} lanes, one core",
         "million steps/s",
         "of the bare product",
-        "times faster than CartPole vector",
+        "speed over that of the CartPole vector",
     )
     peers = ENVPOOL if "envpool CartPole" in candidates else ""
     missing = f"Not measured: {'; '.join(absent)}.\n\n" if absent else ""

@@ -31,7 +31,6 @@ NO_RESULT = {
     "cost less than its own": "says what a cell is",
     "A policy of more than kB": "says what the page leaves out",
     "evaluate docs/policies/PreStretch": "a command",
-    "no published agent costs less over the rigs": "precedes a list from data",
     "by less than the interval": "precedes a list from data",
     "On each variant an agent for the rigs": "a sentence that costs choose",
     "costs at most more than the clairvoyant": "the same",
