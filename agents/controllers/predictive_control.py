@@ -22,7 +22,7 @@ from mm_gym.arrays import Array
 Start: TypeAlias = tuple[Array, Array, tuple[Array, Array]]
 """States of the motion, the interface's own ones, and what actuators have and were asked."""
 
-QUICK, SHORT = 0.005, 20  # control steps [s] up to which fewer steps ahead are planned, to keep up
+QUICK, SHORT = 0.002, 20  # control steps [s] up to which fewer steps ahead are planned, to keep up
 
 SEED = 4_000_000
 
