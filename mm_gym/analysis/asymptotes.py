@@ -193,11 +193,14 @@ def bifurcation(
     scene.replace(**{parameter: float(points.max())})
     lanes = np.repeat(row_of(low, "bifurcation")[:, None], points.size, axis=1)
     offset = lanes[layout.X2] - lanes[layout.X1]
-    row = support_of(low).row_of(parameter)
+    support = support_of(low)
+    row = support.row_of(parameter)
     if row == layout.X2:
         offset = points
     else:
         lanes[row] = points
+    if row == layout.DAMPING:  # of a semi-active damper; the row of the damped part follows
+        lanes[support.damped_row] = points
     lanes[layout.X2] = lanes[layout.X1] + offset
     if parameter == "sphere.mass" and scene.interface.kind == "dry_friction":
         lanes[layout.FN] = (

@@ -164,6 +164,21 @@ def test_any_number_of_the_scene_can_be_the_parameter(parameter, values):
     assert np.array_equal(bifurcation(scene, parameter, values), single)
 
 
+@pytest.mark.parametrize("scene", [Scene(), FRICTION])
+def test_any_number_of_an_actuated_scene_can_be_the_parameter(scene):
+    damped = "interface" if scene.interface.kind == "viscous" else "carriage"
+    damper = {"of": damped, "minimum": 0.1, "maximum": 10.0}
+    start = {"initial.sphere_velocity": 0.1, "initial.carriage_displacement": 0.01}
+    scene = scene.replace(actuation={"damping": damper, "force": {}}, **start)
+    parts = ("carriage.", "sphere.", "interface.", "springs.")
+    names = [n for n in scene._drawable() if n.startswith(parts) and scene.value_of(n) is not None]
+    for name in [*start, *names]:
+        values = scene.value_of(name) * np.array([0.8, 1.0, 1.2])
+        single = [asymptotic_offset(scene.replace(**{name: value})) for value in values]
+        assert np.array_equal(bifurcation(scene, name, values), single), name
+    assert f"{damped}.damping" in names
+
+
 def test_bifurcation_without_friction_follows_the_first_integral():
     scene = Scene(initial={"sphere_velocity": 0.1})
     damping = np.array([0.5, 1.0, 2.0])
