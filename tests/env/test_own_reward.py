@@ -2,6 +2,7 @@
 
 import copy
 import json
+import os
 import pickle
 
 import gymnasium
@@ -21,6 +22,7 @@ from mm_gym import (
     rewarded,
 )
 from mm_gym.sb3 import make_vec_env
+from mm_gym.user_code import load
 
 NAME = "mm_gym/CarriageForce-v0"
 LANES = 600  # more than a block of lanes, so that two threads have work
@@ -65,6 +67,16 @@ def test_cost_that_is_the_task_s_gives_its_rewards():
     # Three squares, rounded where the kernel's fused products are not: some 2^-52 each.
     np.testing.assert_allclose(got, want, rtol=8 * 2.0**-52)
     assert got.min() < -1.0
+
+
+def test_changed_file_runs_as_changed_and_leaves_no_other_file(tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.dont_write_bytecode", False)
+    file, text = tmp_path / "cost.py", "def cost(carriage_displacement):\n    return {}.0\n"
+    for number in (1, 2):
+        file.write_text(text.format(number))
+        os.utime(file, (1e9, 1e9))  # both in one second
+        assert load(f"{file}:cost", "reward")(0.0) == number
+    assert list(tmp_path.iterdir()) == [file]
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
