@@ -85,7 +85,11 @@ def with_base(data: dict[str, object], load: Callable[[str], Scene]) -> dict[str
         return data
     own = {name: value for name, value in data.items() if name != BASE}
     base = load(_task(data[BASE]))
-    stated = dict(_leaves(own))
+    stated = {
+        name: value
+        for name, value in _leaves(own)
+        if value != {} or not isinstance(base.value_of(name), Part | dict)
+    }
     found = cast("dict[str, Data]", base.model_dump(mode="json"))
     gone = [*_replaced(stated, base), *(name for name in stated if not name.startswith(DRAWN))]
     follows = {ratio: field for ratio, (field, _) in base.drawn_ratios.items()}
@@ -109,9 +113,9 @@ def _task(name: object) -> str:
 
 
 def _leaves(table: dict[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
-    """Yield what a file states by dotted name: numbers, texts and whole lists."""
+    """Yield what a file states by dotted name: numbers, texts, whole lists and empty tables."""
     for name, value in table.items():
-        if isinstance(value, dict):
+        if isinstance(value, dict) and value and prefix != f"{DRAWN}.":
             yield from _leaves(cast("dict[str, object]", value), f"{prefix}{name}.")
         else:
             yield prefix + name, value

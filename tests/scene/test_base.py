@@ -97,6 +97,13 @@ def test_what_the_file_fixes_is_drawn_no_longer(load, text, gone, tmp_path, monk
     assert set(load(f'base = "Draws"\n{text}').randomization) == set(drawn) - gone
 
 
+def test_empty_table_adds_a_part_that_the_task_does_not_have_and_keeps_others(load):
+    found = load('base = "PreStretchRobust"\n[actuation.force]\n[sensors.noise]\n[springs]\n')
+    task = load_scene("mm_gym/PreStretchRobust-v0")
+    assert found == task.replace(**{"actuation.force": {}})
+    assert found.actuation.names == ("force", "stretch")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -120,6 +127,12 @@ def test_what_the_file_fixes_is_drawn_no_longer(load, text, gone, tmp_path, monk
         ),
         ('bass = "Hybrid"', "own.toml:1: bass: unknown key; did you mean 'base'"),
         ('carriage = 3\nbase = "Hybrid"', "own.toml:1: carriage: got 3"),
+        ('base = "Hybrid"\n[carrriage]\n', "own.toml:2: carrriage: unknown key"),
+        ('base = "Hybrid"\n[excitation]\n', "own.toml:2: excitation: got {}"),
+        (
+            'base = "Hybrid"\n[randomization]\ncarriage.mass = [0.1, 0.2]',
+            "own.toml:3: randomization.carriage: got {'mass': [0.1, 0.2]}",
+        ),
         ('base = "Hybrid"\n"" = 1', "own.toml:2: '': unknown key"),
     ],
 )
