@@ -16,7 +16,7 @@ from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.files import parse_toml, read_text
 from mm_gym.scene.findings import draft_of
 from mm_gym.scene.part import KIND, Data, Part, dotted_name, is_known, put
-from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import ERRORS, Scene
 from mm_gym.tasks import is_id, path_of, task_called
 
 
@@ -74,8 +74,9 @@ def with_base(data: dict[str, object], load: Callable[[str], Scene]) -> dict[str
     """Return a scene's fields as in a file, those of its base included if it names one.
 
     Tables go over those of the base field by field, lists and parts of another kind as a whole.
-    What the file states is no longer drawn, unless the file draws it too. `load` returns the scene
-    of a task; tasks have no base, so there are no cycles.
+    What the file states is no longer drawn, unless the file draws it too. Channels that a list of
+    the file leaves out keep no errors. `load` returns the scene of a task; tasks have no base, so
+    there are no cycles.
     """
     for name in data:
         if name != BASE and suggest(name, [BASE]):
@@ -91,7 +92,14 @@ def with_base(data: dict[str, object], load: Callable[[str], Scene]) -> dict[str
         if value != {} or not isinstance(base.value_of(name), Part | dict)
     }
     found = cast("dict[str, Data]", base.model_dump(mode="json"))
-    gone = [*_replaced(stated, base), *(name for name in stated if not name.startswith(DRAWN))]
+    unseen = _unseen(stated.get("sensors.channels"), base)
+    for what, channel in unseen:
+        cast("dict[str, dict[str, float]]", found["sensors"])[what].pop(channel, None)
+    gone = [
+        *_replaced(stated, base),
+        *(name for name in stated if not name.startswith(DRAWN)),
+        *(f"sensors.{what}.{channel}" for what, channel in unseen),
+    ]
     follows = {ratio: field for ratio, (field, _) in base.drawn_ratios.items()}
     found[DRAWN] = {
         name: ends
@@ -127,6 +135,13 @@ def _replaced(stated: dict[str, object], base: Scene) -> Iterator[str]:
         part, _, last = name.rpartition(".")
         if last == KIND and base.value_of(name) != value:
             yield part
+
+
+def _unseen(channels: object, base: Scene) -> list[tuple[str, str]]:
+    """Return the errors, as field and channel, of the base's channels that are not listed."""
+    if not isinstance(channels, list):
+        return []
+    return [(what, own) for what in ERRORS for own in base.sensors.channels if own not in channels]
 
 
 Names: TypeAlias = tuple[str, ...]

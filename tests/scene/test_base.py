@@ -104,6 +104,20 @@ def test_empty_table_adds_a_part_that_the_task_does_not_have_and_keeps_others(lo
     assert found.actuation.names == ("force", "stretch")
 
 
+def test_channels_that_are_no_longer_observed_have_no_errors(load):
+    channels = 'channels = ["sphere_velocity", "carriage_displacement"]'
+    errors = "[sensors.bias]\nsphere_velocity = 0.1\n"
+    found = load(f'base = "PreStretchRobust"\n[sensors]\n{channels}\n{errors}')
+    task = load_scene("mm_gym/PreStretchRobust-v0")
+    for kept in found.sensors.channels:
+        field = f"sensors.noise.{kept}"
+        assert found.sensors.noise.get(kept) == task.sensors.noise.get(kept)
+        assert found.randomization.get(field) == task.randomization.get(field)
+    assert set(found.sensors.noise) <= set(found.sensors.channels)
+    with pytest.raises(SceneError, match=r"sensors\.bias\.sphere_offset: has no effect"):
+        load(f'base = "PreStretchRobust"\n[sensors]\n{channels}\n{errors}sphere_offset = 0.1\n')
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
