@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mm_gym.plant.compile import compile_scene
+from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.scene.scene import DELAY, Scene, bounds
 
 UNSURE = {
@@ -32,7 +33,7 @@ def over_rigs(
     spread
         Largest relative deviation of each of these [-], independent of the others.
     delay
-        Largest delay of the sensors in control steps.
+        Largest delay of the sensors in control steps, added to the delay that the scene states.
     noise
         Largest standard deviation of each measured channel over its scale [-], added to the noise
         that the scene states.
@@ -49,8 +50,8 @@ def over_rigs(
     ranges: dict[str, tuple[float, float]] = {}
     for name, (low, high) in _unsure(scene):
         ranges[name] = _short(low * (1.0 - spread)), _short(high * (1.0 + spread))
-    drawn = max(scene.randomization.get(DELAY, (0.0,)))
-    ranges[DELAY] = 0.0, max(float(delay), drawn)
+    least, most = bounds(scene.range_of(DELAY, float(scene.sensors.delay)))
+    ranges[DELAY] = least, most + delay
     for channel in compile_scene(scene).observed:
         if channel.name not in REPORTED and noise > 0.0:
             field = f"sensors.noise.{channel.name}"
@@ -62,22 +63,27 @@ def over_rigs(
             low, high = bounds(scene.range_of(f"actuation.{name}.lag", actuator.lag))
             ranges[f"actuation.{name}.lag"] = low, _short(high + lag * scene.control.time_step)
     of_rig = ("sensors.", "actuation.")
-    middle = {
+    stated: dict[str, float] = {
         name: _short(0.5 * (low + high))
         for name, (low, high) in ranges.items()
-        if name.startswith(of_rig) and name != DELAY
+        if name.startswith(of_rig)
     }
-    return scene.replace(
-        **{DELAY: (delay + 1) // 2}, **middle, randomization={**scene.randomization, **ranges}
-    )
+    stated[DELAY] = int(stated[DELAY] + 0.5)
+    if getattr(scene.interface, "normal_force", 0.0) is None:  # it would follow from the mass
+        stated["interface.normal_force"] = _short(scene.sphere.mass * GRAVITY)
+    return scene.replace(**stated, randomization={**scene.randomization, **ranges})
 
 
 def _unsure(scene: Scene) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Yield the dotted name and the range of each positive number that rigs differ in."""
+    """Yield the dotted name and the range of each positive number that rigs differ in.
+
+    A number that follows from a ratio differs with the other number.
+    """
+    follow = [field for field, _ in scene.drawn_ratios.values()]
     for part, fields in UNSURE.items():
         for field in fields:
             name, value = f"{part}.{field}", scene.value_of(f"{part}.{field}")
-            if value:
+            if value and name not in follow:
                 yield name, bounds(scene.range_of(name, value))
 
 

@@ -4,7 +4,15 @@ import gymnasium
 import numpy as np
 import pytest
 
-from mm_gym import MovingMassVectorEnv, SceneError, __main__, compile_scene, load_scene, over_rigs
+from mm_gym import (
+    MovingMassVectorEnv,
+    Scene,
+    SceneError,
+    __main__,
+    compile_scene,
+    load_scene,
+    over_rigs,
+)
 from mm_gym.tasks import ids, path_of, robust_ids, short_name, task_called, task_or_scene
 
 
@@ -58,9 +66,39 @@ def test_ranges_that_a_scene_draws_from_become_wider():
     drawn["sensors.noise.carriage_velocity"] = (0.0, 0.1)
     scene = scene.replace(**{"actuation.force.lag": 0.01, "randomization": drawn})
     found = over_rigs(scene).randomization
-    assert found["sensors.delay"] == (0.0, 4.0)
+    assert found["sensors.delay"] == (0.0, 6.0)
     assert found["actuation.force.lag"] == (0.0, 0.02 + scene.control.time_step)
     assert found["sensors.noise.carriage_velocity"][1] > 0.1
+
+
+@pytest.mark.parametrize(
+    ("changes", "delays", "stated"),
+    [
+        ({"sensors.delay": 5}, (5.0, 7.0), 6),
+        ({"randomization": {"sensors.delay": (3.0, 6.0)}}, (3.0, 8.0), 6),
+    ],
+)
+def test_delay_goes_from_that_of_the_scene_up(changes, delays, stated):
+    found = over_rigs(load_scene("mm_gym/CarriageForce-v0").replace(**changes))
+    assert found.randomization["sensors.delay"] == delays
+    assert found.sensors.delay == stated
+
+
+RATIO = "interface.kinetic_ratio"
+FRICTION = {"static_coefficient": 0.5, "kinetic_coefficient": 0.25, "reference_velocity": 0.05}
+
+
+@pytest.mark.parametrize("kind", ["dry_friction", "stribeck"])
+def test_friction_that_follows_from_a_mass_or_a_ratio_compiles(kind):
+    more = {} if kind == "dry_friction" else {"stribeck_velocity": 0.1}
+    scene = Scene(interface={"kind": kind, **FRICTION, **more}, actuation={"force": {}})
+    found = over_rigs(scene)
+    compile_scene(found)
+    assert found.interface.normal_force == pytest.approx(scene.sphere.mass * 9.81)
+    ratio = over_rigs(scene.replace(randomization={RATIO: (0.4, 0.6)})).randomization
+    assert ratio[RATIO] == (0.4, 0.6)
+    assert ratio["interface.static_coefficient"] == (0.4, 0.6)
+    assert "interface.kinetic_coefficient" not in ratio
 
 
 def test_the_distribution_can_be_another():
