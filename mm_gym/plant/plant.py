@@ -200,6 +200,7 @@ class Plant:
         at
             Values by dotted name, or a lane (rows,), such as `Trajectory.parameters` or
             ``env.unwrapped.get_state()["values"][:, 0]``; by default the middle of every range.
+            Sensors and actuators always have the middle of their ranges.
         about
             (4,) x1, x2 [m], v1, v2 [m/s] about which a nonlinear plant and the effects of stretch,
             damping and voltage are linearised; by default the equilibrium, where the last three

@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process as process
 from mm_gym.excitation import kinds as kernels
@@ -348,6 +348,12 @@ def state_space_of(
     """Return a plant as a linear system, see `Plant.state_space`; of sensors the delay is last."""
     asked_inputs = _names("inputs", inputs, INPUTS)
     asked_outputs = _names("outputs", outputs, {**CHANNELS, **STATES})
+    for name, value in cast("Mapping[str, float]", at if hasattr(at, "keys") else {}).items():
+        if name.startswith(("sensors.", "actuation.")):
+            allowed = (
+                "mechanics and excitation; sensors and actuators have the middle of their ranges"
+            )
+            refuse(f"at.{name}", repr(value), allowed)
     row = lane_at(support, at, about)
     parts = Parts(
         support=support,

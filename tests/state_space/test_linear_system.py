@@ -13,6 +13,7 @@ from mm_gym import (
     Scene,
     SceneError,
     compile_scene,
+    load_scene,
     simulate,
 )
 from mm_gym.analysis import frequency_response
@@ -318,6 +319,15 @@ def test_stretch_drives_the_system_about_a_point():
         assert not np.any(rest.B)
         with pytest.raises(DesignError, match="stretch move nothing"):
             rest.controllable()
+
+
+@pytest.mark.parametrize(
+    "name", ["sensors.delay", "sensors.noise.carriage_velocity", "actuation.force.lag"]
+)
+def test_sensors_and_actuators_have_the_middle_of_their_ranges(name):
+    plant = compile_scene(load_scene("mm_gym/CarriageForceRobust-v0"))
+    with pytest.raises(SceneError, match=rf"at\.{name}: got 0\.0; allowed: .* the middle"):
+        plant.state_space(at={name: 0.0})
 
 
 @pytest.mark.parametrize(
