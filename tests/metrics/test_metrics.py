@@ -228,6 +228,24 @@ def test_lanes_have_the_response_of_the_simulation(name):
             assert one == pytest.approx(other, rel=1e-9, abs=1e-15)
 
 
+KICK = {"kind": "impulse", "size": 0.1, "time": 0.0}
+KICKED = CARRIAGE_FORCE.replace(initial={}, randomization={}, excitation=[KICK])
+
+
+@pytest.mark.parametrize(
+    ("scene", "most"), [(TASKS["mm_gym/PreStretchShock-v0"], 0.08), (KICKED, 0.323)]
+)
+def test_lanes_miss_the_peak_velocity_at_an_impulse_by_what_is_stated(scene, most):
+    seeds = range(6)
+    lanes = metrics.uncontrolled_response(scene, seeds)
+    each = [metrics.response(simulate(scene, seed=seed)) for seed in seeds]
+    for name in ("displacement", "base_force", "stroke"):
+        expected = [getattr(one, f"peak_{name}")[0] for one in each]
+        assert getattr(lanes, f"peak_{name}") == pytest.approx(expected, rel=1e-3)
+    missed = 1.0 - lanes.peak_velocity / [one.peak_velocity[0] for one in each]
+    assert 0.97 * most < missed.max() < most
+
+
 def action_of(scene, command):
     """The action in [-1, 1] that commands a force [N] and a stretch [-]."""
     force, stretch = scene.actuation.force, scene.actuation.stretch
