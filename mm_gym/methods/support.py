@@ -61,9 +61,9 @@ class Support:
         (row, row of the ratio, row of the other field) of each field that follows from a ratio.
     records
         Dotted name of each set of records -> its files, in the order of their numbers.
-    idle_velocity
-        Reference velocity [m/s] of dry friction that is left out because no motion of the scene
-        slips; infinite without it.
+    idle
+        Row -> stated value of each parameter of dry friction that is left out because no motion of
+        the scene slips.
     interface, interface_row
         The interface, if it is in value form, and the row of its first parameter; the rows before
         are its own states.
@@ -93,7 +93,7 @@ class Support:
     jets: int
     terms: int
     excitation: Array
-    idle_velocity: float = math.inf
+    idle: dict[int, float] = field(default_factory=dict[int, float])
     interface: Interface = LINE
     interface_row: int = 0
     is_between: bool = False
@@ -102,6 +102,11 @@ class Support:
     device: str = ""
     sensors_row: int = 0
     actuator_rows: dict[str, int] = field(default_factory=dict[str, int])
+
+    @property
+    def idle_velocity(self) -> float:
+        """Reference velocity [m/s] of friction that is left out; infinite without it."""
+        return self.idle.get(layout.VR, math.inf)
 
     @property
     def middle(self) -> Array:

@@ -51,7 +51,8 @@ def without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tupl
         f"dry friction never slips: by its energy |w| <= {fastest:.3g} m/s, below "
         f"interface.reference_velocity = {vr:g} m/s, so it is viscous with {damping:.6g} N s/m"
     )
-    return replace(support, idle_velocity=float(vr), **arrays), (reason,)
+    stated = {row: float(low[row]) for row in FRICTION}
+    return replace(support, idle=stated, **arrays), (reason,)
 
 
 REMEDY = (

@@ -241,7 +241,7 @@ class Picture:
             )
         if subject.interface == "dry_friction":
             slip = abs(past.now(layout.V2) - past.now(layout.V1))
-            slips = slip > past.lane[layout.VR]
+            slips = slip > (past.lane[layout.VR] or subject.idle_velocity)
             entries.append(("the sphere slips" if slips else "the sphere sticks", look.OFFSET))
         for k, (entry, colour) in enumerate(entries):
             place = READINGS + COLUMN * (k % 2), 22.0 + 24.0 * (k // 2)

@@ -81,6 +81,7 @@ class Subject:
         self.speed = speed_text(plant.time_step, self.frames)
         # which parts are drawn
         self.interface = scene.interface.kind
+        self.idle_velocity = support.idle_velocity  # [m/s], of friction that never slips
         self.has_damper = high[layout.D] > 0.0
         self.has_springs = scene.springs.kind != "none"
         is_coupled = self.interface != "none" or actuation.is_between

@@ -350,6 +350,8 @@ class Lanes:
         if not episodes.all():
             msg = f"{name}: no episode has begun; call reset first"
             raise SceneError(msg)
+        if row in support.idle:
+            return np.full(self.count, support.idle[row])
         stays = row == layout.STRETCH and "stretch" not in self.plant.actuators
         if row > layout.DAMPING or stays:
             return self.values[row]

@@ -63,6 +63,15 @@ def test_linear_system_about_a_point_in_slip_is_refused():
     plant.state_space(["disturbance"], ["x1"], about=[0.0, 0.0, 0.5, 0.0])
 
 
+def test_friction_that_is_left_out_keeps_its_stated_values():
+    lanes = Lanes(compile_scene(SLOW), 3)
+    lanes.seed(0)
+    lanes.restart()
+    for name, value in SLOW.interface:
+        if name != "kind":
+            assert np.array_equal(lanes.drawn(f"interface.{name}"), [value] * 3), name
+
+
 @pytest.mark.parametrize("scene", SCENES.values(), ids=list(SCENES))
 def test_every_state_of_the_scenes_own_motions_is_accepted(scene):
     plant = compile_scene(scene)

@@ -117,6 +117,31 @@ def test_force_of_zero_has_no_arrow(studio):
     assert (np.ptp(middle, axis=2) < NEAR).all()  # the line where arrows begin is grey
 
 
+def texts_of(shown, monkeypatch):
+    """The texts of a picture."""
+    texts, canvas = [], shown.picture._canvas
+    write = canvas.text
+
+    def noted(text, *others):
+        texts.append(text)
+        return write(text, *others)
+
+    monkeypatch.setattr(canvas, "text", noted)
+    assert shown.pixels.any()
+    return texts
+
+
+@pytest.mark.parametrize(
+    ("velocity", "slip", "said"), [(5.0, 0.1, "sticks"), (0.2, 0.1, "sticks"), (0.2, 0.3, "slips")]
+)
+def test_sphere_sticks_below_the_reference_velocity(studio, monkeypatch, velocity, slip, said):
+    start = {"interface.reference_velocity": velocity, "initial": {"sphere_velocity": slip}}
+    scene = {"actuation": {"damping": {"of": "carriage"}}, "excitation": [], **start}
+    shown = studio("CarriageForceFriction", **scene).put()
+    assert shown.plant.support.slips == (said == "slips")
+    assert f"the sphere {said}" in texts_of(shown, monkeypatch)
+
+
 JUMP = {"kind": "impulse", "target": "ground", "size": -0.0999, "time": 0.02}
 PUSH = {"kind": "harmonic", "amplitude": 0.5, "frequency": 60.0}
 SHAKE = PUSH | {"target": "ground", "amplitude": 12.0}
