@@ -60,6 +60,7 @@ class History:
         self._first_of_block = np.arange(lanes.count) // layout.BLOCK * layout.BLOCK
         self._excitation = plain(excitation)
         self.noted = 0
+        self.starts = np.zeros(lanes.count, np.bool_)  # which episodes have just begun
         w, step = 2.0 * np.pi * subject.camera_frequency, subject.time_step
         camera = np.zeros((3, 3))
         camera[0, 1], camera[1] = 1.0, (-w * w, -2.0 * CAMERA_DAMPING * w, 1.0)
@@ -71,7 +72,7 @@ class History:
         now = self._ring[self.noted % len(self._ring)]
         now[:KEPT] = values[:KEPT]
         now[STEP] = values[layout.NOW, self._first_of_block] - values[layout.BEGAN]
-        starts = now[STEP] == 0.0
+        self.starts = starts = now[STEP] == 0.0
         model, every = self._lanes.plant.model, slice(None)
         if self._subject.disturbance:
             now[PUSH] = self._excitation(model, values, False, every)

@@ -13,7 +13,6 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from mm_gym.arrays import Single
-from mm_gym.lanes import layout
 from mm_gym.rendering.canvas import load_pygame
 from mm_gym.rendering.history import History
 from mm_gym.rendering.look import SIZE
@@ -161,9 +160,8 @@ class Renderer:
         return self._picture.pixels(self._history.past(lane))
 
     def _collect(self) -> None:
-        begins = self._lanes.values[layout.NOW, 0] == self._lanes.values[layout.BEGAN]
         for lane, frames in enumerate(self._collected):
-            if begins[lane]:
+            if self._history.starts[lane]:
                 frames.clear()
             frames.append(self._frame(lane))
 

@@ -14,6 +14,7 @@ from gymnasium.wrappers import RenderCollection
 from tasks import TASKS
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError
+from mm_gym.lanes import layout
 from mm_gym.rendering.look import SIZE
 from mm_gym.sb3 import make_vec_env
 
@@ -62,6 +63,23 @@ def test_list_is_that_of_gymnasiums_collection():
         assert env.render() == []
     assert len(frames[0]) == len(frames[1]) == 3
     np.testing.assert_array_equal(*frames)
+
+
+def test_list_begins_anew_with_an_episode_after_a_state_was_set(monkeypatch):
+    """Each block of lanes has a clock of its own then."""
+    env = begun("rgb_array_list", MovingMassVectorEnv, num_envs=2 * layout.BLOCK)
+    monkeypatch.setattr(env._renderer, "_frame", lambda _: None)
+    still, lanes = np.zeros((env.num_envs, 1), np.float32), np.arange(env.num_envs)
+    for _ in range(3):
+        env.step(still)
+    env.reset(options={"reset_mask": lanes >= layout.BLOCK})
+    env.set_state(env.get_state())
+    env.step(still)
+    for first in (0, layout.BLOCK):
+        env.render()
+        env.step(still)
+        env.reset(options={"reset_mask": lanes == first})
+        assert [len(frames) for frames in env.render()] == np.where(lanes == first, 1, 2).tolist()
 
 
 def test_rendering_changes_no_motion():
