@@ -127,11 +127,12 @@ def _sizes(scene: Scene, target: str, *, impulses: bool) -> list[float]:
 
 
 def _size(scene: Scene, k: int) -> float:
-    """Return the largest value expected of a part of the excitation; of a record, 1."""
+    """Return the largest value expected of a part of the excitation; of a record's values, 1."""
     part = scene.excitation[k]
+    mass = abs(getattr(part, "inertial_mass", None) or 1.0)
     for name, factor in NAMES_OF_SIZES:
         value = part.value_of(name)
         if value is not None:
             ends = bounds(scene.range_of(f"excitation.{k}.{name}", value))
-            return max(abs(ends[0]), abs(ends[1])) * factor or 1.0
-    return 1.0
+            return max(abs(ends[0]), abs(ends[1])) * factor * mass or 1.0
+    return mass

@@ -142,6 +142,13 @@ def test_sphere_sticks_below_the_reference_velocity(studio, monkeypatch, velocit
     assert f"the sphere {said}" in texts_of(shown, monkeypatch)
 
 
+def test_record_of_an_inertial_force_is_expected_to_be_a_force(studio, tmp_path):
+    (tmp_path / "ground.txt").write_text("0.0 0.0\n0.5 0.5\n1.0 0.0\n")
+    record = {"kind": "record", "file": str(tmp_path / "ground.txt"), "target": "force"}
+    record |= {"inertial_mass": -1000.0, "scale_to": {"peak": 2.0}}
+    assert studio("CarriageForce", excitation=[record]).subject.disturbance == 2000.0
+
+
 JUMP = {"kind": "impulse", "target": "ground", "size": -0.0999, "time": 0.02}
 PUSH = {"kind": "harmonic", "amplitude": 0.5, "frequency": 60.0}
 SHAKE = PUSH | {"target": "ground", "amplitude": 12.0}
