@@ -15,7 +15,7 @@ from mm_gym.env.own_reward import RewardLike, rewarded
 from mm_gym.errors import ActionError, SceneError, refuse, suggest
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import load_scene
-from mm_gym.simulation.checks import array_of, is_array
+from mm_gym.simulation.checks import array_of, checked_seed, is_array
 
 FLOAT32 = np.dtype(np.float32)
 
@@ -106,7 +106,9 @@ def checked_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_]:
 
 
 def python_integer(seed: int | np.integer | None) -> int | None:
-    """Return an integer of NumPy as Python's; leave all else for Gymnasium to check."""
+    """Return an integer of NumPy as Python's; leave what is none for Gymnasium to check."""
+    if isinstance(seed, int | np.integer) and seed >= 0:
+        return checked_seed(seed)
     return int(seed) if isinstance(seed, np.integer) else seed
 
 

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import index
 from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array, Single
-from mm_gym.errors import SceneError
+from mm_gym.errors import SceneError, refuse
 from mm_gym.lanes import layout
 from mm_gym.methods.support import Support
 
+SEEDS = 2**64  # number of seeds of a lane
 Mask = NDArray[np.bool_]
+
+
+def checked_seed(seed: int | np.integer) -> int:
+    """Return a seed as an integer of Python, or raise `SceneError` if no lane has it."""
+    number = index(seed)
+    if isinstance(seed, bool) or not 0 <= number < SEEDS:
+        refuse("seed", f"{seed!r}", "an integer from 0 to 2**64 - 1")
+    return number
 
 
 def checked_fields(

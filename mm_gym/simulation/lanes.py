@@ -24,7 +24,7 @@ from mm_gym.lanes.threads import nothing
 from mm_gym.law.dry_friction import write_regimes
 from mm_gym.plant.plant import Plant
 from mm_gym.scene.scene import Reward
-from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
+from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields, checked_seed
 from mm_gym.simulation.failures import text_of
 from mm_gym.simulation.threads import Threads
 from mm_gym.step import episodes
@@ -271,12 +271,12 @@ class Lanes:
         )
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
-        """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
+        """Give lane i of the mask the random stream of seed + i, modulo 2**64, or of seed[i]."""
         if isinstance(seed, int):
-            keys = np.arange(self.count, dtype=np.uint64) + np.uint64(seed % 2**64)
+            keys = np.arange(self.count, dtype=np.uint64) + np.uint64(checked_seed(seed))
             given = np.ones(self.count, np.bool_)
         else:
-            keys = np.array([(value or 0) % 2**64 for value in seed], np.uint64)
+            keys = np.array([checked_seed(value or 0) for value in seed], np.uint64)
             given = np.array([value is not None for value in seed], np.bool_)
         seed_streams(self.streams, keys, given if mask is None else given & mask)
 

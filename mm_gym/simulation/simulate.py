@@ -6,7 +6,6 @@ import time
 import warnings
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from operator import index
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,6 +22,7 @@ from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
 from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.scene import Scene
+from mm_gym.simulation.checks import checked_seed
 from mm_gym.simulation.failures import growth_of
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import Recording, blank, held_rows, locate, run, states_at
@@ -79,6 +79,8 @@ def simulate(
     ------
     CompileError
         If no plant covers the scene.
+    SceneError
+        If the seed is not an integer from 0 to 2**64 - 1.
     ActionError
         If the action does not fit the actuators or is not finite.
     SimulationError
@@ -88,7 +90,7 @@ def simulate(
     instants = _instants(plant, duration, times)
     steps = _steps_until(float(instants[-1]), plant.time_step)
     lanes = Lanes(plant, 1)
-    lanes.seed(0 if seed is None else index(seed))
+    lanes.seed(0 if seed is None else checked_seed(seed))
     lanes.restart(seen=False)
     start = lanes.values[:, 0].copy()
     recording = blank(plant, start, steps)

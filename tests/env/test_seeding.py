@@ -7,7 +7,7 @@ import pytest
 from gymnasium.wrappers import OrderEnforcing
 from tasks import CARRIAGE_FORCE
 
-from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, simulate
 
 LANES = 3
 
@@ -28,6 +28,31 @@ def start(env, **arguments):
 @pytest.mark.parametrize("make", [single, vector])
 def test_integer_of_numpy_is_a_seed(make, seed):
     assert start(make(), seed=seed) == start(make(), seed=5)
+
+
+@pytest.mark.parametrize("seed", [True, 2**64, 2**70])
+@pytest.mark.parametrize(
+    "begin",
+    [
+        lambda seed: single().reset(seed=seed),
+        lambda seed: vector().reset(seed=seed),
+        lambda seed: vector().reset(seed=[0, seed, 1]),
+        lambda seed: simulate(CARRIAGE_FORCE, duration=0.01, seed=seed),
+    ],
+)
+def test_seed_that_would_be_taken_for_another_is_refused(begin, seed):
+    with pytest.raises(SceneError, match=rf"seed: got {seed}; allowed: an integer from 0 to 2\*"):
+        begin(seed)
+
+
+def test_negative_seed_of_a_simulation_is_refused():
+    with pytest.raises(SceneError, match=r"seed: got -1; allowed"):
+        simulate(CARRIAGE_FORCE, duration=0.01, seed=-1)
+
+
+def test_lanes_count_on_from_the_largest_seed():
+    first = vector().reset(seed=[2**64 - 1, 0, 1])[0]
+    np.testing.assert_array_equal(vector().reset(seed=2**64 - 1)[0], first)
 
 
 @pytest.mark.parametrize(
