@@ -328,8 +328,9 @@ class Plant:
             if not 1.0 <= stretch < np.inf:
                 msg = f"stretch: got {stretch!r}; allowed: a finite number of at least 1"
                 raise SceneError(msg)
-            if middle[layout.STRETCH] == LINEAR:
-                msg = "stretch: springs.kind = 'linear' has no stretch; leave it out"
+            if layout.STRETCH not in self.support.names.values():
+                kind = "linear" if middle[layout.STRETCH] == LINEAR else "none"
+                msg = f"stretch: springs.kind = {kind!r} has no stretch; leave it out"
                 raise SceneError(msg)
             middle[layout.STRETCH] = stretch
         return middle

@@ -84,6 +84,12 @@ class Sampled(Part):
     into equal sample intervals"""
 
 
+def _falls(decay: float, plateau: float | None) -> str | None:
+    if decay == 1.0 or plateau is not None:  # 1 is the default
+        return None
+    return "decay: has no effect without plateau"
+
+
 class FilteredNoise(Sampled):
     """White noise through a linear filter, times an envelope.
 
@@ -104,6 +110,8 @@ class FilteredNoise(Sampled):
     decay: NonNegative = 1.0
     """[1/s]"""
 
+    rules: ClassVar[tuple[Rule, ...]] = (Rule(("decay", "plateau"), _falls),)
+
 
 def _is_below_one(ratio: float) -> bool:
     return 0.0 <= ratio < 1.0
@@ -120,7 +128,10 @@ class Noise(FilteredNoise):
     high_frequency: Positive
     """[rad/s] at which the low-pass halves the power"""
 
-    rules: ClassVar[tuple[Rule, ...]] = (below("low_frequency", "high_frequency"),)
+    rules: ClassVar[tuple[Rule, ...]] = (
+        *FilteredNoise.rules,
+        below("low_frequency", "high_frequency"),
+    )
     ratios: ClassVar[dict[str, Ratio]] = {
         "low_ratio": Ratio(
             "low_frequency", "high_frequency", _is_below_one, "at least 0 and below 1"
@@ -214,6 +225,15 @@ def _with_period(spectral: object, period: float | None) -> str | None:
     return "period: has no effect without spectral_acceleration"
 
 
+DAMPING = 0.05  # ratio of the oscillator of a spectral acceleration, if none is stated [-]
+
+
+def _of_oscillator(spectral: object, damping: float) -> str | None:
+    if spectral is not None or damping == DAMPING:
+        return None
+    return "damping: has no effect without spectral_acceleration"
+
+
 class ScaleTo(Part):
     """What records are scaled to: a number, or [low, high] for a uniform draw in each episode."""
 
@@ -223,12 +243,13 @@ class ScaleTo(Part):
     """pseudo-acceleration of an oscillator [m/s^2], see docs/excitation.md, section 5"""
     period: Positive | None = None
     """natural period of this oscillator [s]"""
-    damping: Annotated[float, Field(ge=0, le=10)] = 0.05
+    damping: Annotated[float, Field(ge=0, le=10)] = DAMPING
     """its damping ratio [-]"""
 
     rules: ClassVar[tuple[Rule, ...]] = (
         Rule(("peak", "spectral_acceleration"), _one_measure),
         Rule(("spectral_acceleration", "period"), _with_period),
+        Rule(("spectral_acceleration", "damping"), _of_oscillator),
     )
 
 

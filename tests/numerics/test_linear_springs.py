@@ -393,6 +393,8 @@ def test_a_stretch_is_refused_where_there_is_none() -> None:
     scene = scene_of(VISCOUS)
     with pytest.raises(SceneError, match=r"stretch: springs\.kind = 'linear' has no stretch"):
         compile_scene(scene).linear(2.0)
+    with pytest.raises(SceneError, match=r"stretch: springs\.kind = 'none' has no stretch"):
+        compile_scene(scene.replace(springs={"kind": "none"})).discrete(2.0)
     with pytest.raises(
         SimulationError, match=r"'stretch'; springs\.kind = 'linear' has no stretch"
     ):

@@ -83,6 +83,33 @@ def test_ranges_that_break_a_rule_jointly_are_refused_by_name(data, words):
     assert str(caught.value) == words
 
 
+RECORD = {"kind": "record", "file": "ground.txt"}
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (
+            {"excitation": [NOISE | {"decay": 7.0}]},
+            "excitation.0.decay: has no effect without plateau",
+        ),
+        (
+            {"excitation": [NOISE], "randomization": {"excitation.0.decay": [1.0, 2.0]}},
+            "randomization.excitation.0.decay: has no effect without plateau",
+        ),
+        (
+            {"excitation": [RECORD | {"scale_to": {"peak": 1.0, "damping": 0.3}}]},
+            "excitation.0.scale_to.damping: has no effect without spectral_acceleration",
+        ),
+    ],
+)
+def test_settings_without_effect_are_refused(data, words):
+    with pytest.raises(SceneError) as caught:
+        Scene(**data)
+    assert str(caught.value) == words
+    assert Scene(excitation=[NOISE | {"decay": 7.0, "plateau": 2.0}]).excitation[0].decay == 7.0
+
+
 def test_ranges_that_never_meet_are_allowed():
     ranges = {
         "interface.static_coefficient": (0.4, 0.5),

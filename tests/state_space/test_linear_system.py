@@ -36,7 +36,7 @@ def held(name):
         channels.remove("spring_force")
     # An impulse is no motion of the system; the noise's envelope would make it vary in time.
     excitation = [
-        {**part.model_dump(), "rise": 0.0, "plateau": None}
+        {**part.model_dump(), "rise": 0.0, "plateau": None, "decay": 1.0}
         if part.kind == "kanai_tajimi"
         else part.model_dump()
         for part in scene.excitation
