@@ -157,11 +157,14 @@ def with_free_gains(
     return law
 
 
-def _tuned(switching: Switching, order: int) -> Entry:
-    name = f"tuned-clipped-optimal-{switching}"
-    free = partial(free_numbers, switching=switching)
-    tunable = Tunable(name, free, partial(with_free_gains, switching=switching))
-    return tunable.entry(("damping",), order, label=f"clipped-optimal, {switching}, free gains")
+TUNED = {
+    switching: Tunable(
+        f"tuned-clipped-optimal-{switching}",
+        partial(free_numbers, switching=switching),
+        partial(with_free_gains, switching=switching),
+    )
+    for switching in SWITCHINGS
+}
 
 
 def _in_parallel(scene: Scene) -> bool:
@@ -175,7 +178,10 @@ def _switched(switching: Switching, order: int) -> Entry:
 
 ENTRIES = (
     *(_switched(switching, 44) for switching in SWITCHINGS),
-    *(_tuned(switching, 50 + k) for k, switching in enumerate(SWITCHINGS)),
+    *(
+        tunable.entry(("damping",), 50, label=f"clipped-optimal, {switching}, free gains")
+        for switching, tunable in TUNED.items()
+    ),
     Entry(
         "clipped-optimal-and-force",
         ("force", "damping"),
