@@ -83,10 +83,10 @@ def with_cell(start: Start, settings: GradientSettings, generator: np.random.Gen
         Dense(np.zeros((k, settings.hidden), np.float32), _single(last[:, 0])),
     )
     ends = np.ones(k, np.float32)
-    units = Correlation(_single(pairs), _single(start.units))
+    units = (Correlation(_single(pairs), _single(start.units)),) if r else ()
     layers: tuple[Layer, ...] = (
         Append((cell,)),
-        units,
+        *units,
         Skip(hidden, _single(direct)),
         Clip(-ends, ends),
     )

@@ -9,7 +9,7 @@ from typing import ClassVar
 from tqdm import tqdm
 
 from agents.controllers.learned import Learned
-from agents.policies import AnyPolicy
+from agents.policies import AnyPolicy, policy_in
 from agents.scoring import validation_cost
 from agents.training.arrays import (
     Arrays,
@@ -179,6 +179,7 @@ class Search(ABC):
             without = without_control(self.scene)
             if validation_cost(self.scene, Learned(without), self.worst) < progress.least_cost:
                 policy, ending.replaced = without, True
+        policy_in(policy.to_bytes())  # what cannot be read does not end the run
         ending.write(run)
         policy.save(run.policy)
 

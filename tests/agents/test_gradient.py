@@ -22,14 +22,14 @@ from agents.gradient.settings import GradientSettings
 from agents.network.c_source import c_source
 from agents.network.layers import GRU, Correlation
 from agents.network.module import Module
-from agents.policies import load_policy
+from agents.policies import load_policy, policy_in
 from agents.scoring import evaluate
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
 from agents.training.network import Network as Evolved
 from agents.training.runs import Run, RunError
-from agents.training.starts import start_of
+from agents.training.starts import natural_law, start_of
 from mm_gym import ActionError, DesignError, OwnReward, SceneError, load_scene, rewarded
-from mm_gym.tasks import path_of
+from mm_gym.tasks import ids, path_of, robust_ids
 
 TINY = GradientSettings(
     task="mm_gym/Hybrid-v0",
@@ -433,6 +433,19 @@ class TestRuns:
             want = want @ keep.T + one @ enter.T
         # Forty steps add the round-off of single precision and the gates' changes of each.
         np.testing.assert_allclose(found, SMALL * want, rtol=0.0, atol=1e-3 * np.abs(want).max())
+
+    @pytest.mark.parametrize("task", [*ids(), *robust_ids()])
+    def test_policy_with_a_cell_is_read_as_it_was_written(self, task):
+        scene = load_scene(task)
+        settings = TINY.model_copy(
+            update={"task": task, "changes": {}, "cell": 3, "extra": 0, "law": natural_law(scene)}
+        )
+        start = start_of(scene, settings, np.random.default_rng(0))
+        policy = with_cell(start, settings, np.random.default_rng(1))
+        found = policy_in(policy.to_bytes())
+        assert found.observed == policy.observed
+        for name, array in policy.arrays.items():
+            np.testing.assert_array_equal(found.arrays[name], array)
 
     def test_recurrent_run_interrupted_ends_as_if_unbroken_and_is_exported(
         self, tmp_path, monkeypatch
