@@ -39,7 +39,7 @@ class Deployed:
     Raise `PolicyError` if one has other numbers than the other.
     """
 
-    def __init__(self, policy: Policy, interface: Interface) -> None:
+    def __init__(self, policy: AnyPolicy, interface: Interface) -> None:
         policy.check(interface.observed, len(interface.commands))
         self.policy, self.interface = policy, interface
         self.zero = np.array([channel.zero for channel in interface.channels])
@@ -66,7 +66,7 @@ class Deployed:
             msg = f"t: got {t:g} in the first step; allowed: 0, where an episode begins"
             raise DesignError(msg)
         self.frames = np.vstack([self.frames, frame])[-self.interface.history :]
-        (action,) = self.policy.act(self.frames.reshape(1, -1), self.memory)
+        (action,), self.memory = self.policy.step(self.frames.reshape(1, -1), self.memory)
         return self.interface.commanded(action)
 
 
@@ -91,7 +91,7 @@ def load_deployed(path: str | Path) -> Deployed:
     """Read an exported policy with the interface in its file; raise `PolicyError` without one."""
     policy = load_policy(path)
     description, _ = read_content(read_bytes(path, most=LARGEST))
-    if not isinstance(policy, Policy) or "interface" not in description:
+    if "interface" not in description:
         msg = f"{path}: has no interface; `python -m agents export` with --task writes one"
         raise PolicyError(msg)
     return Deployed(policy, Interface.of(description["interface"]))

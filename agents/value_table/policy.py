@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from agents.network.files import Arrays, PolicyError, content_of, numbers
-from agents.network.interface import counted
+from agents.network.interface import Interface, counted
 from agents.value_table.kernel import NODES, choose
 from mm_gym.arrays import Array, Single
 from mm_gym.files import write_bytes
@@ -53,11 +54,11 @@ class TablePolicy:
         """Return what is remembered (lanes, 0) in an episode: nothing."""
         return np.zeros((lanes, 0))
 
-    def step(self, observation: Single, memory: Array) -> tuple[Array, Array]:
+    def step(self, observation: ArrayLike, memory: Array) -> tuple[Array, Array]:
         """Return the actions for observations, and the memory."""
         return self.act(observation), memory
 
-    def act(self, observation: Single) -> Array:
+    def act(self, observation: ArrayLike) -> Array:
         """Return the actions (lanes, 1) for observations (lanes, n) as the environment has them."""
         known = np.asarray(observation, np.float64) @ self.reads[:, 1:].T + self.reads[:, 0]
         low, high = self.stretches[0], self.stretches[-1]
@@ -77,9 +78,11 @@ class TablePolicy:
         """Write the policy whole: a kill leaves the old file or the new one."""
         write_bytes(path, self.to_bytes())
 
-    def to_bytes(self) -> bytes:
+    def to_bytes(self, interface: Interface | None = None) -> bytes:
         """Return the content of the policy's file."""
         description = {"format": 1} | {name: getattr(self, name) for name in NUMBERS}
+        if interface is not None:
+            description["interface"] = interface.model_dump(mode="json")
         return content_of(description, {name: getattr(self, name) for name in ("after", *ARRAYS)})
 
 
@@ -97,6 +100,8 @@ class Description(Document):
     """as of the problem"""
     is_rate: bool
     """as of the problem"""
+    interface: Interface | None = None
+    """what it is connected to, if it was exported with that"""
 
 
 def table_policy(description: Mapping[str, object], arrays: Arrays) -> TablePolicy:

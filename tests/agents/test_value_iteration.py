@@ -10,7 +10,8 @@ from scipy.linalg import solve_discrete_lyapunov
 
 from agents.commands import export
 from agents.controllers.learned import Learned
-from agents.policies import PolicyError, load_policy
+from agents.network.interface import Interface
+from agents.policies import PolicyError, load_deployed, load_policy
 from agents.scoring import VALIDATION_SEED, evaluate
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
 from agents.training.runs import Run, RunError
@@ -270,6 +271,18 @@ class TestPolicy:
         assert "allowed for a policy of value iteration: .safetensors" in said
         assert "a table of 7,500 numbers" in said
         assert not out.exists()
+
+    def test_export_tells_what_the_table_is_connected_to(self, unbroken, tmp_path, monkeypatch):
+        out = tmp_path / "table.safetensors"
+        monkeypatch.setattr("sys.argv", ["export", str(unbroken.folder), "--out", str(out)])
+        assert export.main() is None
+        policy, seen = load_policy(unbroken.policy), shown_to(load_policy(out), SHOCK)
+        np.testing.assert_array_equal(load_policy(out).act(seen), policy.act(seen))
+        deployed = load_deployed(out)
+        assert deployed.interface == Interface.of_scene(unbroken.scene())
+        measured = deployed.zero + seen[0] / deployed.factor
+        wanted = deployed.interface.commanded(policy.act(seen[:1])[0])
+        np.testing.assert_allclose(deployed.act_si(measured, 0.0), wanted, rtol=1e-6)
 
 
 class TestScenes:
