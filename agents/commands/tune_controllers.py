@@ -73,7 +73,7 @@ def tune(
 ) -> dict[str, Any]:
     """Return what a search finds, as of `agents.controllers.registry.Found`; go on from a file."""
     head = {"scene_digest": scene.digest, "controller": tunable.name, "seed": seed}
-    head |= {} if start is None else {"start": dict(start)}
+    head["start"] = None if start is None else dict(start)
     known = _costs_so_far(file, head)[:count]
     costs: list[float] = []
     numbers: list[dict[str, float]] = []
@@ -107,8 +107,8 @@ def _costs_so_far(file: Path, head: dict[str, Any]) -> list[float]:
     if not isinstance(content, dict):
         content = {}
     content = cast("dict[str, Any]", content)
-    costs = content.get("costs")
-    same = {name: content.get(name) for name in head} == head
+    costs = content.pop("costs", None)
+    same = {"start": None, **content} == head  # earlier versions stated a start alone
     if not same or not isinstance(costs, list) or not all(isinstance(one, float) for one in costs):
         msg = f"{file}: of another search, or damaged; delete it to begin again"
         raise SceneError(msg)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH_SHOCK, TASKS
 
-from agents.commands.tune_controllers import main, tunables
+from agents.commands.tune_controllers import main, tunables, tune
 from agents.control.controller import part
 from agents.controllers.inertial_drive import HOLD, INERTIAL_DRIVE, PUSH, RETURN
 from agents.controllers.registry import Free, Tunable, every_entry, laws, obstacle, read_found
@@ -224,6 +224,33 @@ def test_command_starts_from_the_numbers_of_another_task(quick, tmp_path, monkey
     assert found["controllers"]["bowl"]["first_cost"] == pytest.approx(0.4442, abs=1e-4)
     assert found["controllers"]["bowl"]["cost"] < 0.11
     assert tunable.at(CARRIAGE_FORCE, [0.0, 0.0]) == {"a": 0.0, "b": 1.0}
+
+
+def test_search_from_another_start_does_not_go_on(quick, tmp_path):
+    tunable, scored = quick
+    file, start = tmp_path / "kept.json", {"a": 2.5, "b": 2.0}
+
+    def interrupted(begun):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("agents.commands.tune_controllers.further_cost", interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                tune(CARRIAGE_FORCE, tunable, 50, 0, file, start=begun)
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    for begun, other in ((start, None), (None, start)):
+        interrupted(begun)
+        with pytest.raises(SceneError, match="of another search"):
+            tune(CARRIAGE_FORCE, tunable, 50, 0, file, start=other)
+        if begun is None:  # as an earlier version kept it
+            kept = json.loads(file.read_text())
+            del kept["start"]
+            file.write_text(json.dumps(kept))
+        scored.clear()
+        tune(CARRIAGE_FORCE, tunable, 50, 0, file, start=begun)
+        assert len(scored) == FINALISTS
+        file.unlink()
 
 
 @pytest.mark.usefixtures("quick")
