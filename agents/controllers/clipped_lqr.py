@@ -13,7 +13,7 @@ from agents.control.scene import plant_of, require_number
 from agents.controllers.lqr import LQR, state_weight
 from agents.controllers.registry import Entry, Free, Tunable, regulator_entry
 from agents.controllers.searched import searched_pair
-from mm_gym import Scene
+from mm_gym import DesignError, Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 from mm_gym.arrays import Array
 
@@ -26,7 +26,7 @@ class ClippedLQR(Law):
     a small weight makes that on-off stiffness. F is that of the state by which springs will have
     moved, see `Lead`. Dyke et al., *Modeling and control of magnetorheological dampers for seismic
     response reduction*, Smart Materials and Structures 5 (1996). Raise `DesignError` if the
-    carriage is unstable at rest.
+    carriage is unstable at rest, or there is no regulator: nothing holds it there.
 
     Parameters
     ----------
@@ -58,8 +58,7 @@ class ClippedLQR(Law):
         internal = np.array([[0.0], [0.0], [1.0 / scene.carriage.mass], [-1.0 / scene.sphere.mass]])
         a, _ = plant_of(scene).linear(stretch)
         state = state_weight(scene) + (0.0 if further is None else further)
-        gain, _, _ = control.lqr(a, internal, state, [[weight / unit**2]], method="scipy")
-        self.gain = np.asarray(gain)[0]
+        self.gain = gain_of(a, internal, state, weight / unit**2)
 
     def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         present = self.command.present(applied)
@@ -71,6 +70,19 @@ class ClippedLQR(Law):
         with np.errstate(divide="ignore", invalid="ignore"):
             k2 = self.k2 - np.nan_to_num(force / (state[:, 1] - state[:, 0]))
         return self.command(stretch_for_stiffness(k2, self.stiffness), present)
+
+
+def gain_of(a: Array, b: Array, state: Array, force: float) -> Array:
+    """Return the gain (n,) of the regulator of a' = a x + b u, with weights of state and force.
+
+    Raise `DesignError` if there is none.
+    """
+    try:
+        gain, _, _ = control.lqr(a, b, state, [[force]], method="scipy")
+    except (np.linalg.LinAlgError, control.ControlArgument) as error:
+        msg = f"the Riccati equation has no stabilising solution: {error}"
+        raise DesignError(msg) from error
+    return np.asarray(gain)[0]
 
 
 def best_lqr_with_clipped_lqr(scene: Scene) -> Feedback:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 
-import control
 import numpy as np
 from scipy.linalg import expm
 
@@ -14,6 +13,7 @@ from agents.controllers.clipped_lqr import (
     ClippedLQR,
     best_lqr_with_clipped_lqr,
     free_weights,
+    gain_of,
     weighted_clipped_lqr,
 )
 from agents.controllers.clipped_lqr import free_numbers as free_numbers_of_motion
@@ -95,8 +95,7 @@ class FeedforwardClippedLQR(Law):
         weight = np.zeros_like(a)
         weight[:4, :4] = state_weight(scene) + weights
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
-        gain, _, _ = control.lqr(a, b, weight, [[numbers["force"] / unit**2]], method="scipy")
-        self.gain = np.asarray(gain)[0]
+        self.gain = gain_of(a, b, weight, numbers["force"] / unit**2)
         self.gain[4:] *= numbers["feedforward"]
         # What the filters' states add to the motion, about the design's stretch, and to themselves.
         moved = expm(a * self.clipped.lead.time)

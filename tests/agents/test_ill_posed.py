@@ -39,6 +39,9 @@ BLIND_TO_STROKE = BLIND.replace(
 )
 UNSEEN = PRE_STRETCH.replace(**{"sensors.channels": ["stretch"], "sensors.history": 1})
 OFFSET = CARRIAGE_FORCE.replace(**{"sensors.channels": ["sphere_offset"]})
+CUBIC = PRE_STRETCH.replace(
+    **{"carriage.linear_coefficient": 0.0, "carriage.cubic_coefficient": 1e4}
+)
 LONG = CARRIAGE_FORCE.replace(**{"control.steps": 10**9})
 UNDAMPED = CARRIAGE_FORCE.replace(
     excitation=[{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}]
@@ -83,6 +86,7 @@ CASES = [
     ],
     *[(ClippedLQR, PRE_STRETCH, (2.0, p), "weight: got") for p in (np.nan, -1.0, 0.0, np.inf)],
     *[(ClippedLQR, PRE_STRETCH, (s, 1.0), "stretch: got") for s in (np.nan, 0.5)],
+    (ClippedLQR, CUBIC, (2.0, 1.0), "the Riccati equation has no stabilising solution"),
     *[(OnOffStiffness, PRE_STRETCH, (s,), "stretch: got") for s in (np.nan, 0.2)],
     *[(Held, PRE_STRETCH, ("stretch", s), "stretch: got .* at most 3") for s in (np.nan, 9.0)],
     *[(Held, CARRIAGE_FORCE, ("force", f), "force: got .* at most 4") for f in (np.nan, 9.0)],
