@@ -147,6 +147,10 @@ class SweepSettings(Document):
             if algorithm not in SEARCHES:
                 _check_settings(algorithm, TrainSettings, data)
                 chosen = "ppo" if algorithm == RESIDUAL else algorithm
+                whole = TrainSettings.of({**data, **fixed, "algorithm": chosen})
+                # The digests in docs/results.json of all algorithms are with the settings of PPO.
+                for other in {*whole.unused} - {"ppo"}:
+                    data.pop(other, None)
                 return TrainSettings.of({**data, **fixed, "algorithm": chosen})
             kind, _ = SEARCHES[algorithm]
             table = {key: value for key, value in data.items() if key not in LEARNERS}
@@ -287,8 +291,9 @@ def _scored_training(settings: RunSettings, run: Run) -> Score:
 def check_settings(trial: RunSettings, run: Run) -> None:
     """Refuse a finished training of other settings than are asked for.
 
-    What an earlier version scored has kept no settings: those of its record are compared, unless
-    the scene is one's own. Raise `RunError` if a setting differs, or a file is damaged.
+    Those of algorithms other than the training's make no difference. What an earlier version
+    scored has kept no settings: those of its record are compared, unless the scene is one's own.
+    Raise `RunError` if a setting differs, or a file is damaged.
     """
     asked = read_score(run).asked
     if asked is None:
@@ -298,10 +303,11 @@ def check_settings(trial: RunSettings, run: Run) -> None:
     # A setting that there was not yet had its default.
     before = by_dotted_name(_written(type(trial)())) | by_dotted_name(asked)
     now = by_dotted_name(_written(trial))
+    unused = trial.unused if isinstance(trial, TrainSettings) else ()
     other = [
         f"{name} {before.get(name, NONE)}, now {now.get(name, NONE)}"
         for name in dict.fromkeys((*now, *before))
-        if before.get(name) != now.get(name)
+        if before.get(name) != now.get(name) and name.partition(".")[0] not in unused
     ]
     if other:
         told = "; ".join(other[:MOST_TOLD])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 from pydantic import (
     BaseModel,
@@ -35,6 +35,7 @@ from agents.training.algorithm_settings import (
 )
 from agents.training.forecast import FUTURE
 from mm_gym import Scene, SceneError, load_scene, rewarded
+from mm_gym.errors import refuse
 from mm_gym.files import read_toml
 from mm_gym.scene import Document
 from mm_gym.tasks import path_of, short_name, task_called, task_or_scene
@@ -178,6 +179,11 @@ class TrainSettings(RunSettings):
     def chosen(self) -> AlgorithmSettings:
         """The settings of the algorithm."""
         return getattr(self, self.algorithm)
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """The names of the other algorithms, whose settings have no effect."""
+        return tuple(name for name in get_args(Algorithm) if name != self.algorithm)
 
     @model_validator(mode="after")
     def _has_samples(self) -> Self:
@@ -362,9 +368,20 @@ def _parsed(
     kind: type[Settings], arguments: list[str], description: str, default: Settings
 ) -> Settings:
     found = cli(kind, default=default, args=arguments, description=description)
-    words = (one[2:].partition("=")[0] for one in arguments if one.startswith("--"))
+    words = [one[2:].partition("=")[0] for one in arguments if one.startswith("--")]
     _forget_unasked(found, default, {word.replace("-", "_") for word in words})
+    if isinstance(found, TrainSettings):
+        _refuse_unused(found, words)
     return found
+
+
+def _refuse_unused(settings: TrainSettings, words: Iterable[str]) -> None:
+    """Refuse flags, without their dashes, of an algorithm that is not trained."""
+    for word in words:
+        other = word.partition(".")[0].replace("-", "_")
+        if other in settings.unused:
+            allowed = f"the settings of {settings.algorithm}, or --algorithm {other}"
+            refuse(f"--{word}", f"a setting of {other}", allowed)
 
 
 def _forget_unasked(found: BaseModel, default: BaseModel, flags: set[str], place: str = "") -> None:

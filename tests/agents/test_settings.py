@@ -251,3 +251,12 @@ def test_results_repeat_no_good_setting_of_a_search():
     for task, table in results.task_settings.items():
         good = good_settings(f"mm_gym/{task}-v0", GradientSettings).model_fields_set
         assert not {f"gradient.{name}" for name in good} & table.keys()
+
+
+@pytest.mark.parametrize("flag", ["--sac.learning-rate", "--recurrent-ppo.units"])
+def test_flag_of_another_algorithm_is_refused_by_name(flag, monkeypatch):
+    other = flag[2:].partition(".")[0].replace("-", "_")
+    with pytest.raises(SceneError, match=f"{flag}: got a setting of {other}; allowed: .* ppo"):
+        read_from(monkeypatch, TrainSettings, "CarriageForce", flag, "1")
+    chosen = read_from(monkeypatch, TrainSettings, "Hybrid", flag, "1", "--algorithm", other)
+    assert chosen.chosen.model_fields_set == {flag.partition(".")[2].replace("-", "_")}

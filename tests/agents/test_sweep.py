@@ -13,8 +13,14 @@ from agents.commands import sweep as command
 from agents.commands.sweep import sweep
 from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.settings import GradientSettings
-from agents.sweeps.results import training_of
-from agents.sweeps.trials import SweepSettings, algorithm_of, do_trial, write_results
+from agents.sweeps.results import _digest, training_of
+from agents.sweeps.trials import (
+    SweepSettings,
+    algorithm_of,
+    check_settings,
+    do_trial,
+    write_results,
+)
 from agents.training.config import good_settings
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
@@ -82,8 +88,30 @@ def test_every_combination_is_a_training_of_its_own_name():
     trials = settings.trials()
     assert len({trial.name for trial in trials}) == len(trials) == 24
     assert trials[0].sac.hidden == (4,)
-    assert {trial.sac.tau for trial in trials} == {0.1}
+    assert {trial.sac.tau for trial in trials if trial.algorithm == "sac"} == {0.1}
     assert {trial.steps for trial in trials} == {10}
+
+
+def test_settings_of_another_algorithm_are_no_part_of_a_training(tmp_path):
+    plain = SweepSettings(algorithms=("ppo", "sac"))
+    (ppo, sac), (other, changed) = (
+        plain.trials(),
+        plain.model_copy(update={"settings": {"sac.tau": 0.1}}).trials(),
+    )
+    assert (other, _digest(other)) == (ppo, _digest(ppo))
+    assert _digest(changed) != _digest(sac)
+    run = Run(sac.name, tmp_path)
+    asked = json.loads(sac.model_dump_json())
+    score = {"cost": 1.0, "episodes": [1.0], "injected": None, "asked": asked}
+    run.folder.mkdir()
+    (run.folder / "result.json").write_text(json.dumps(score))
+    (_, slower) = plain.model_copy(update={"settings": {"ppo.epochs": 3}}).trials()
+    check_settings(slower, run)
+    with pytest.raises(RunError, match=r"other settings \(sac.tau .*, now 0.1\)"):
+        check_settings(changed, run)
+    wrong = plain.model_copy(update={"algorithms": ("ppo",), "settings": {"sac.tao": 0.1}})
+    with pytest.raises(SceneError, match=r"sac\.tao"):
+        wrong.trials()
 
 
 def test_evolution_is_an_algorithm_with_settings_of_its_own(tmp_path):
