@@ -81,8 +81,8 @@ class Arguments:
     """a policy to score instead of the run's own: a policy's file, or a .zip archive of
     Stable-Baselines3 with --trust"""
     trust: bool = False
-    """open an archive of Stable-Baselines3, and run a run's own base and reward, although that can
-    run any code"""
+    """open an archive of Stable-Baselines3, and run the own base and reward of runs, although that
+    can run any code"""
     controller: str | None = None
     """a controller of your own, FILE.py:NAME, in place of a run's policy"""
     reward: str | None = None
@@ -200,7 +200,9 @@ def compare_several(arguments: Arguments) -> None:
     if arguments.unit is not None and not arguments.records:
         msg = f"--unit: got {arguments.unit!r} without --records; it is the unit of their values"
         raise SceneError(msg)
-    compared = read_field(arguments.subjects, arguments.tasks, arguments.reward)
+    compared = read_field(
+        arguments.subjects, arguments.tasks, arguments.reward, trust=arguments.trust
+    )
     episodes = Episodes.of_field(
         compared, arguments.seeds, arguments.episodes, first=arguments.first_seed
     )

@@ -34,6 +34,8 @@ class RecordSettings(Document):
     controller: str = "random"
     """a controller's name (a wrong one lists those of the task), FILE.py:NAME, the folder of a
     run, or a policy's file"""
+    trust: bool = False
+    """run the own base and reward of a run, although that can run any code"""
     lanes: Annotated[int, Field(ge=1)] = 64
     """number of parallel environments"""
     episodes: Annotated[int, Field(ge=1)] = 100
@@ -72,7 +74,7 @@ def record(settings: RecordSettings) -> str:
     if not is_id(named):  # the dataset must not depend on the file: it has the whole scene
         task, arguments = ids()[0], {"scene": scene}
     generator = np.random.default_rng(settings.seed)
-    law = law_of(settings.controller, scene, generator)
+    law = law_of(settings.controller, scene, generator, trust=settings.trust)
     env = gymnasium.make(task, **arguments)
     dataset = write(
         dataset_id,

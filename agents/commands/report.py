@@ -42,6 +42,8 @@ class Arguments:
     """a cost of your own, FILE.py:NAME, to score by in place of the objective: docs/scenes.md"""
     baselines: bool = True
     """compare with all classical controllers too"""
+    trust: bool = False
+    """run the own base of runs, although that can run any code"""
     processes: int = os.cpu_count() or 1
     """number of tasks scored at once"""
     out: Path = Path("report.html")
@@ -67,7 +69,8 @@ def write_report(subjects: Sequence[str], out: Path, arguments: Arguments | None
     wanted = arguments or Arguments(tuple(subjects))
     check_outputs([out])
     also = (BASELINES,) if wanted.baselines and BASELINES not in subjects else ()
-    compared = read_field((*subjects, *also), wanted.tasks, wanted.reward)
+    named = (*subjects, *also)
+    compared = read_field(named, wanted.tasks, wanted.reward, trust=wanted.trust)
     episodes = Episodes.of_field(compared, wanted.seeds, wanted.episodes, first=wanted.first_seed)
     results = measure(compared, episodes, STUDIED, wanted.processes)
     page = report_page(compared, conclude(results, compared.scenes, episodes))

@@ -39,10 +39,14 @@ class Contestant:
     # Task -> what makes its controllers: names that `law_of` takes. Several are runs of one
     # training with several seeds.
     texts: Mapping[str, tuple[str, ...]]
+    trust: bool = False  # whether the user's own code that runs name is run
 
     def make(self, task: str, scene: Scene) -> list[Controller]:
         """Return its controllers for a task: one, or one for each seed."""
-        return [law_of(text, scene, np.random.default_rng(0)) for text in self.texts[task]]
+        return [
+            law_of(text, scene, np.random.default_rng(0), trust=self.trust)
+            for text in self.texts[task]
+        ]
 
 
 @dataclass(frozen=True)
@@ -131,11 +135,18 @@ class Trained:
     runs: tuple[Run, ...]  # their folders
 
 
-def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | None = None) -> Field:
+def read_field(
+    texts: Sequence[str],
+    tasks: Sequence[str] = (),
+    reward: str | None = None,
+    *,
+    trust: bool = False,
+) -> Field:
     """Return what texts name: contestants, on the given tasks or else on the scenes of the runs.
 
     Without tasks and runs it is all tasks of mm_gym. On given tasks runs of one other scene are
     compared too; their label tells that scene. An own reward, FILE.py:NAME, scores all of them.
+    Bases of runs in files of the user's are run only with trust.
     Raise `SceneError` if a name is unknown or given twice, or applies to none of the tasks;
     `RunError` if a run is missing or not over, or was trained for an own reward and none is given,
     runs of several scenes do not fit, or patterns of runs have different numbers of them;
@@ -171,7 +182,8 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | No
         raise RunError(msg)
     labels = [one.label for one in found]
     distinct = tuple(
-        one if labels.count(one.label) == 1 else replace(one, label=one.text) for one in found
+        replace(one, label=one.label if labels.count(one.label) == 1 else one.text, trust=trust)
+        for one in found
     )
     return Field(scenes, distinct, baselines=BASELINES in texts)
 
@@ -317,13 +329,15 @@ def _named(text: str, scenes: Mapping[str, Scene]) -> Contestant:
     return Contestant(text, text, found)
 
 
-def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controller:
+def law_of(
+    name: str, scene: Scene, generator: np.random.Generator, *, trust: bool = False
+) -> Controller:
     """Return a controller by its name, or that of FILE.py:NAME, a run's folder or a policy's file.
 
     FILE.py is run. The generator is where random actions are drawn from. Raise `SceneError` if the
     name is not one that applies to the scene, nor a path; `RunError` if the training of the run is
     not over; `PolicyError` if the policy cannot be read, or the run has a base in a file of the
-    user's.
+    user's and there is no trust.
     """
     applicable, path = laws(scene), Path(name)
     if is_path(name):
@@ -339,4 +353,4 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
         others = "FILE.py:NAME, the folder of a run, or a policy's file"
         raise not_a_law(name, scene, "controller", others)
     run.require_finished()
-    return agent_of(run, trained_parts(run, trust=False, asked=scene.own_reward), name)
+    return agent_of(run, trained_parts(run, trust=trust, asked=scene.own_reward), name)

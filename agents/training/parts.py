@@ -67,7 +67,10 @@ def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool)
     authority = settings.get("authority", 0.0)
     code = [text for text in (base, reward) if isinstance(text, str) and is_path(text)]
     if code and not trust:
-        msg = f"{', '.join(code)}: scoring executes this code of the run; allow it with --trust"
+        msg = (
+            f"{', '.join(code)}: scoring executes this code of the run; evaluate, export, record "
+            "and report allow it with --trust"
+        )
         raise PolicyError(msg)
     return _parts(rewarded(scene, reward), base, authority)  # pyright: ignore[reportArgumentType] - of the record
 

@@ -4,13 +4,17 @@ import json
 import re
 import shlex
 import subprocess
+from contextlib import nullcontext
 from importlib import import_module
 
 import pytest
 from pages import ROOT, blocks
 
+from agents.commands import evaluate, record, report
 from agents.commands.evaluate import report_run
 from agents.controllers.registry import laws
+from agents.evaluation.contestants import read_field
+from agents.evaluation.measure import entries
 from agents.policies import PolicyError
 from agents.sweeps.trials import do_trial
 from agents.training.config import TrainSettings, read_settings
@@ -150,6 +154,24 @@ def test_wrong_base_is_named_before_a_folder_is_made(tmp_path, monkeypatch, base
     assert not (tmp_path / "own").exists()
 
 
+@pytest.mark.parametrize(
+    ("module", "name"), [(evaluate, "read_field"), (report, "read_field"), (record, "law_of")]
+)
+def test_flag_trusts_what_is_named(module, name, monkeypatch):
+    asked = []
+
+    def note(*_, trust):
+        asked.append(trust)
+        raise SceneError
+
+    words = ["--controller", "runs/a"] if module is record else ["runs/a", "runs/b"]
+    monkeypatch.setattr(module, name, note)
+    for more in ([], ["--trust"]):
+        monkeypatch.setattr("sys.argv", ["command", *words, *more])
+        module.main()
+    assert asked == [False, True]
+
+
 def test_run_with_own_code_is_scored_if_trusted_and_not_continued_with_other_code(tmp_path):
     base = f"{written(tmp_path, LAW)}:Law"
     run, settings = Run("own", tmp_path), settings_of(base=base)
@@ -160,6 +182,13 @@ def test_run_with_own_code_is_scored_if_trusted_and_not_continued_with_other_cod
     ):
         report_run(run, episodes=2)
     assert report_run(run, episodes=2, trust=True)[-1].name == "learned"
+    names = [str(run.folder), "no-control"]
+    for trust in (False, True):
+        compared = read_field(names, trust=trust)
+        (task,) = compared.scenes
+        with nullcontext() if trust else pytest.raises(PolicyError, match="with --trust"):
+            rows, _ = entries(compared, task)
+    assert [row.label for row in rows] == ["best constant", "own", "no-control"]
     written(tmp_path, LAW.replace("0.25", "0.5"))
     with pytest.raises(RunError, match="other settings"):
         train(settings, run, bar=False)
