@@ -159,10 +159,12 @@ class SweepSettings(Document):
             good: dict[str, JsonValue] = {}
             if not table.keys() & kind.fitted:  # known to be good for the task, without defaults
                 good = good_settings(f"mm_gym/{task}-v0", kind).model_dump(exclude_unset=True)
-            return kind.of({**alone, **good, **table, **fixed})
+            settings = kind.of({**alone, **good, **table, **fixed})
+            settings.refuse_unused(table)
         except SceneError as error:
             msg = "\n".join(f"{name}: {line}" for line in str(error).splitlines())
             raise SceneError(msg) from None
+        return settings
 
 
 def _check_settings(
@@ -303,7 +305,7 @@ def check_settings(trial: RunSettings, run: Run) -> None:
     # A setting that there was not yet had its default.
     before = by_dotted_name(_written(type(trial)())) | by_dotted_name(asked)
     now = by_dotted_name(_written(trial))
-    unused = trial.unused if isinstance(trial, TrainSettings) else ()
+    unused = trial.unused
     other = [
         f"{name} {before.get(name, NONE)}, now {now.get(name, NONE)}"
         for name in dict.fromkeys((*now, *before))

@@ -37,7 +37,7 @@ from agents.training.forecast import FUTURE
 from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.errors import refuse
 from mm_gym.files import read_toml
-from mm_gym.scene import Document
+from mm_gym.scene import Document, Part
 from mm_gym.tasks import path_of, short_name, task_called, task_or_scene
 from mm_gym.user_code import is_path, source, split
 
@@ -98,6 +98,18 @@ class RunSettings(Document):
 
     own_code: ClassVar[tuple[str, ...]] = ("reward",)
     """Settings that may name something in a file of the user's."""
+
+    @property
+    def unused(self) -> dict[str, str]:
+        """The names of settings, and tables of them, that have no effect, and with what they do."""
+        return {}
+
+    def refuse_unused(self, asked: Iterable[str]) -> None:
+        """Refuse settings or flags of those names, as "--sac.tau", if they have no effect."""
+        for name in asked:
+            first = name.removeprefix("--").partition(".")[0].replace("-", "_")
+            if first in self.unused:
+                refuse(name, "a setting without effect", self.unused[first])
 
     def code(self) -> dict[str, str]:
         """Return the texts of the user's files that the settings name, by path."""
@@ -181,9 +193,10 @@ class TrainSettings(RunSettings):
         return getattr(self, self.algorithm)
 
     @property
-    def unused(self) -> tuple[str, ...]:
-        """The names of the other algorithms, whose settings have no effect."""
-        return tuple(name for name in get_args(Algorithm) if name != self.algorithm)
+    def unused(self) -> dict[str, str]:
+        """Those of the other algorithms."""
+        others = [name for name in get_args(Algorithm) if name != self.algorithm]
+        return {name: f"with algorithm = {name}" for name in others}
 
     @model_validator(mode="after")
     def _has_samples(self) -> Self:
@@ -353,6 +366,9 @@ def _settings(kind: type[Settings], arguments: list[str], description: str) -> S
     default = kind()
     if arguments and arguments[0].endswith(".toml"):
         default = read_settings(arguments.pop(0), kind)
+        if isinstance(default, RunSettings):  # its tables may be those of several algorithms
+            tables = {name for name in default.unused if isinstance(getattr(default, name), Part)}
+            default.refuse_unused(default.model_fields_set - tables)
     elif arguments and not arguments[0].startswith("-"):
         task = task_called(arguments.pop(0), "settings file", ", before the flags")
         default = kind.of({"task": task, "name": short_name(task) + getattr(kind, "suffix", "")})
@@ -368,20 +384,11 @@ def _parsed(
     kind: type[Settings], arguments: list[str], description: str, default: Settings
 ) -> Settings:
     found = cli(kind, default=default, args=arguments, description=description)
-    words = [one[2:].partition("=")[0] for one in arguments if one.startswith("--")]
-    _forget_unasked(found, default, {word.replace("-", "_") for word in words})
-    if isinstance(found, TrainSettings):
-        _refuse_unused(found, words)
+    words = [one.partition("=")[0] for one in arguments if one.startswith("--")]
+    _forget_unasked(found, default, {word[2:].replace("-", "_") for word in words})
+    if isinstance(found, RunSettings):
+        found.refuse_unused(words)
     return found
-
-
-def _refuse_unused(settings: TrainSettings, words: Iterable[str]) -> None:
-    """Refuse flags, without their dashes, of an algorithm that is not trained."""
-    for word in words:
-        other = word.partition(".")[0].replace("-", "_")
-        if other in settings.unused:
-            allowed = f"the settings of {settings.algorithm}, or --algorithm {other}"
-            refuse(f"--{word}", f"a setting of {other}", allowed)
 
 
 def _forget_unasked(found: BaseModel, default: BaseModel, flags: set[str], place: str = "") -> None:

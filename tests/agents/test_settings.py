@@ -256,7 +256,34 @@ def test_results_repeat_no_good_setting_of_a_search():
 @pytest.mark.parametrize("flag", ["--sac.learning-rate", "--recurrent-ppo.units"])
 def test_flag_of_another_algorithm_is_refused_by_name(flag, monkeypatch):
     other = flag[2:].partition(".")[0].replace("-", "_")
-    with pytest.raises(SceneError, match=f"{flag}: got a setting of {other}; allowed: .* ppo"):
+    words = f"{flag}: got a setting without effect; allowed: with algorithm = {other}"
+    with pytest.raises(SceneError, match=words):
         read_from(monkeypatch, TrainSettings, "CarriageForce", flag, "1")
     chosen = read_from(monkeypatch, TrainSettings, "Hybrid", flag, "1", "--algorithm", other)
     assert chosen.chosen.model_fields_set == {flag.partition(".")[2].replace("-", "_")}
+
+
+@pytest.mark.parametrize("flag", ["--feedback", "--oscillators"])
+def test_settings_without_effect_on_a_cell_are_refused_where_they_are_asked_for(
+    flag, tmp_path, monkeypatch
+):
+    words = f"{flag[2:]}: got a setting without effect; allowed: with cell = 0"
+    with pytest.raises(SceneError, match=words):
+        read_from(monkeypatch, GradientSettings, "PreStretchShock", "--cell", "4", flag, "1")
+    file = tmp_path / "own.toml"
+    file.write_text(f"cell = 4\n{flag[2:]} = 1\n")
+    with pytest.raises(SceneError, match=words):
+        read_from(monkeypatch, GradientSettings, str(file))
+    sweep = SweepSettings(algorithms=("recurrent",), settings={"cell": 4, flag[2:]: 1})
+    with pytest.raises(SceneError, match=words):
+        sweep.trials()
+
+
+def test_task_file_is_read_for_a_cell(monkeypatch):
+    found = read_from(monkeypatch, GradientSettings, "PreStretchShock", "--cell", "4")
+    assert (found.cell, found.extra) == (4, 8)
+    sweep = SweepSettings(
+        tasks=("PreStretchShock",), algorithms=("recurrent",), settings={"recurrent.cell": 4}
+    )
+    (trial,) = sweep.trials()
+    assert (trial.cell, trial.extra) == (4, 8)
