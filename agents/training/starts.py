@@ -6,7 +6,6 @@ import itertools
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +15,7 @@ from agents.control.actuators import Command
 from agents.control.observed_state import ROWS
 from agents.control.scene import plant_of
 from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clipped_lqr
-from agents.controllers.clipped_optimal import (
-    TUNED,
-    ClippedOptimal,
-    ClippedVoltage,
-    with_free_gains,
-)
+from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import device_of
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import design_filter, design_lqg, state_units
@@ -639,18 +633,13 @@ def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
     """Return clipped-optimal control on or off, as one switching function, at the best weight.
 
     The damping or voltage is the greatest where the wanted force and the device's velocity have
-    like signs. A damping also begins with free gains, as they were found for the scene.
+    like signs.
     """
     now = shown.now._replace(state=shown.moving(scene.control.time_step))
-    if scene.actuation.voltage is not None:
-        signs = [partial(_clipped_voltage, ClippedVoltage(scene, weight)) for weight in WEIGHTS]
-    else:
-        laws = [ClippedOptimal(scene, "on-off", weight) for weight in WEIGHTS]
-        laws.append(with_free_gains(scene, TUNED["on-off"].numbers(scene), "on-off"))
-        signs = [partial(_clipped_damping, law) for law in laws]
+    of = _clipped_voltage if scene.actuation.voltage is not None else _clipped_damping
     found: list[Start] = []
-    for of, seen in itertools.product(signs, (now, *shown.estimates(scene, None))):
-        pair = of(seen.state)
+    for weight, seen in itertools.product(WEIGHTS, (now, *shown.estimates(scene, None))):
+        pair = of(scene, weight, seen.state)
         if pair.any(axis=1).all():
             found.append(_switched_by(pair, shown, seen))
     if not found:
@@ -660,21 +649,23 @@ def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
     return _best(scene, found)
 
 
-def _clipped_damping(law: ClippedOptimal, state: Array) -> Array:
+def _clipped_damping(scene: Scene, weight: float, state: Array) -> Array:
     """Return (2, n) the wanted force and the device's velocity, a moment ahead, of an observation.
 
     The state is `state` (4, n) @ observation.
     """
+    law = ClippedOptimal(scene, "on-off", weight)
     ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ state
     return np.stack([law.force({}, ahead.T), law.device.velocity(ahead.T)])
 
 
-def _clipped_voltage(law: ClippedVoltage, state: Array) -> Array:
+def _clipped_voltage(scene: Scene, weight: float, state: Array) -> Array:
     """Return the same of a voltage.
 
     The damper's force is taken to have the sign of the slip velocity, and to be the smaller one:
     no linear function of an observation says when it is not.
     """
+    law = ClippedVoltage(scene, weight)
     return np.stack([law.force(state.T), state[3] - state[2]])
 
 
