@@ -61,18 +61,20 @@ def work_here(trials: Trials, processes: int | None, report: Report) -> None:
                 answer, call = context.Pipe(duplex=False)
                 process = context.Process(target=_work, args=(*trials[number], call))
                 process.start()
+                call.close()  # so that an answer ends with the process
                 running[number] = process, answer
             time.sleep(PAUSE)
             for number in [n for n, (process, _) in running.items() if not process.is_alive()]:
                 _, answer = running.pop(number)
-                if answer.poll():
-                    report(number, answer.recv())
-                    continue
-                kills[number] += 1
-                if kills[number] < MOST_KILLS:
-                    waiting.insert(0, number)
-                else:
-                    report(number, GIVEN_UP)
+                try:
+                    problem = answer.recv()
+                except (EOFError, OSError):  # killed before its answer, or within it
+                    kills[number] += 1
+                    if kills[number] < MOST_KILLS:
+                        waiting.insert(0, number)
+                        continue
+                    problem = GIVEN_UP
+                report(number, problem)
     except KeyboardInterrupt:
         for process, _ in running.values():
             process.join()  # it writes its checkpoint

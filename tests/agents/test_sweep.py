@@ -39,7 +39,6 @@ TWO = SweepSettings(
     tasks=("CarriageForce",),
     settings=SMALL,
     variants={"plain": {}, "bad": {"reward": "absent.py:cost"}},
-    processes=1,
 )
 
 
@@ -53,11 +52,12 @@ def kill_first(folder, killed):
             return
 
 
-def test_killed_process_is_repeated_and_a_training_that_fails_stops_no_other(tmp_path):
+@pytest.mark.parametrize("processes", [1, 2])
+def test_killed_process_is_repeated_and_a_training_that_fails_stops_no_other(tmp_path, processes):
     killed, environment = [], dict(os.environ)
     killer = threading.Thread(target=kill_first, args=(tmp_path / "two", killed))
     killer.start()
-    problems = sweep(TWO, tmp_path)
+    problems = sweep(TWO.model_copy(update={"processes": processes}), tmp_path)
     killer.join()
     assert killed == ["CarriageForce-ppo-plain-0"]
     assert dict(os.environ) == environment  # that of the processes is not this one's
