@@ -12,11 +12,12 @@ from typing import Annotated
 import tyro
 
 from agents.errors import command
+from agents.evaluation.contestants import tasks_called
 from agents.evaluation.rigs import compare, time_of_action, tuned
 from agents.report.pages import markdown
 from mm_gym import SceneError, load_scene
 from mm_gym.files import read_text, write_text
-from mm_gym.tasks import ids, task_called
+from mm_gym.tasks import ids
 
 PAGE = Path(__file__).parents[2] / "docs" / "controllers.md"
 LATE = ("task", "controller", "from the observation", "from the true state")
@@ -49,7 +50,7 @@ def with_rows(text: str, header: tuple[str, ...], task: str, rows: list[list[str
 @command
 def main(arguments: Arguments) -> None:
     """Measure from the command line."""
-    for name in map(task_called, arguments.tasks or ids()):
+    for name in tasks_called(arguments.tasks or ids()):
         scene = load_scene(name)
         laws = tuned(scene)
         step, spent = scene.control.time_step, time_of_action(scene, laws[-1])

@@ -22,7 +22,7 @@ import tyro
 
 from agents.control.controller import Controller
 from agents.errors import command
-from agents.evaluation.contestants import agents_of
+from agents.evaluation.contestants import agents_of, tasks_called
 from agents.evaluation.headroom import (
     EPISODES,
     KEPT,
@@ -39,8 +39,9 @@ from agents.network.files import numbers, read_array
 from agents.scoring import written
 from mm_gym import Scene, SceneError, compile_scene, load_scene
 from mm_gym.arrays import Array
+from mm_gym.errors import refuse
 from mm_gym.files import write_bytes, write_text
-from mm_gym.tasks import ids, path_of, task_called
+from mm_gym.tasks import ids, path_of, short_name
 
 Row = dict[str, Any]
 
@@ -164,7 +165,10 @@ def main(arguments: Arguments) -> str | None:
     better: list[str] = []
     scores = read_scores(out) if os.path.lexists(out) else {}
     agents = agents_of(arguments.runs)
-    for name in map(task_called, arguments.tasks or list(agents) or ids()):
+    tasks = tasks_called(arguments.tasks or list(agents) or ids())
+    if others := ", ".join(short_name(task) for task in agents if task not in tasks):
+        refuse("--runs", f"runs of {others}", f"runs of {', '.join(map(short_name, tasks))}")
+    for name in tasks:
         scene = load_scene(name)
         own = agents.get(name, [])
         if arguments.check:

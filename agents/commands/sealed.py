@@ -15,12 +15,12 @@ from typing import Annotated
 import tyro
 
 from agents.errors import command
-from agents.evaluation.contestants import agents_of
+from agents.evaluation.contestants import agents_of, tasks_called
 from agents.evaluation.sealed import AGENT, EPISODES, FILE, Seal, fixed_and_classical, read_sealed
 from agents.report.score_pages import SEALED, sealed_page
 from mm_gym import SceneError, load_scene
 from mm_gym.files import write_text
-from mm_gym.tasks import ids, path_of, task_called
+from mm_gym.tasks import ids, path_of
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def main(arguments: Arguments) -> None:
     _check_labels(agents)
     named = arguments.tasks or [task for found in agents.values() for task in found] or ids()
     done = {}
-    for task in dict.fromkeys(map(task_called, named)):
+    for task in tasks_called(named):
         scene = load_scene(task)
         seal = Seal(
             arguments.folder / f"{path_of(task).stem}.safetensors",

@@ -21,8 +21,8 @@ from agents.training.parts import agent_of, trained_parts
 from agents.training.runs import Run, RunError
 from mm_gym import OwnReward, Scene, SceneError, load_scene, rewarded
 from mm_gym.arrays import Array
-from mm_gym.errors import suggest
-from mm_gym.tasks import ids, robust_ids, task_or_scene
+from mm_gym.errors import check_name, suggest
+from mm_gym.tasks import ids, robust_ids, short_name, task_or_scene
 from mm_gym.user_code import is_path
 
 BASELINES = "baselines"  # the name of the quick classical controllers that apply to a task
@@ -253,6 +253,15 @@ def _scenes_of(runs: Mapping[str, Mapping[str, Trained]]) -> dict[str, Scene]:
             raise RunError(msg)
     scenes = {trained.name: trained.scene for trained in found.values()}
     return {name: scenes[name] for name in (*ids(), *scenes) if name in scenes}
+
+
+def tasks_called(names: Iterable[str]) -> list[str]:
+    """Return the ids of tasks by name, each once; raise `SceneError` for others and variants."""
+    allowed = {short_name(task): task for task in ids()}
+    found = [short_name(name) for name in names]
+    for name in found:
+        check_name("task", name, allowed)
+    return [allowed[name] for name in dict.fromkeys(found)]
 
 
 def agents_of(texts: Iterable[str]) -> dict[str, list[Controller]]:

@@ -123,6 +123,10 @@ BAD = [
     (["headroom", "--runs", "runs/absent"], "runs/absent: no finished run here"),
     (["ranking", "runs/absent"], "runs/absent: no finished run here"),
     (["controller_tables", "Hybrit"], "task: got 'Hybrit'; did you mean 'Hybrid'"),
+    *(
+        ([command, "HybridRobust"], "task: got 'HybridRobust'; did you mean 'Hybrid'")
+        for command in ("headroom", "controller_tables", "sealed")
+    ),
     (["record", "Hybrit"], "got 'Hybrit'; did you mean 'Hybrid'"),
     (["record", "mine.toml"], "mine.toml: no such file"),
     (["results", "bad.toml"], "bad.toml: stepz: unknown key"),

@@ -251,6 +251,23 @@ def test_check_names_the_episodes_in_which_a_run_is_better_than_the_plan(
     assert "no scores of the present scene" in str(command.main())
 
 
+@pytest.mark.parametrize(
+    ("words", "of", "told"),
+    [
+        (["Hybrid", "--check"], "mm_gym/CarriageForce-v0", "allowed: runs of Hybrid"),
+        ([], "mm_gym/HybridRobust-v0", "got 'HybridRobust'; did you mean 'Hybrid'"),
+    ],
+)
+def test_runs_of_other_tasks_are_refused_before_anything_is_scored(
+    words, of, told, monkeypatch
+) -> None:
+    monkeypatch.setattr(command, "agents_of", lambda _: {of: [None]})
+    for name in ("score", "check"):
+        monkeypatch.setattr(command, name, lambda *_: pytest.fail("scored"))
+    monkeypatch.setattr(sys, "argv", ["headroom", *words, "--runs", "some"])
+    assert told in str(command.main())
+
+
 def test_scores_that_another_process_writes_meanwhile_stay(tmp_path, monkeypatch) -> None:
     name, other = "mm_gym/CarriageForce-v0", "mm_gym/PreStretchNoise-v0"
     scores = tmp_path / "scores.json"
