@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 from agents.training.algorithm_settings import OffPolicySettings, PPOSettings
 from agents.training.config import TrainSettings
+from mm_gym.scene import toml_block
 
 if TYPE_CHECKING:
     from optuna import Trial
@@ -69,8 +69,6 @@ def plain(settings: TrainSettings) -> dict[str, Any]:
 def as_toml(settings: TrainSettings, comment: str, name: str) -> str:
     """Return a file like those of `configs/agents`: what differs from the defaults.
 
-    TOML writes numbers, texts, truth values and lists of them as JSON does.
-
     Parameters
     ----------
     comment
@@ -79,20 +77,15 @@ def as_toml(settings: TrainSettings, comment: str, name: str) -> str:
         The name of its runs.
     """
     default, data = TrainSettings().model_dump(), plain(settings)
-    lines = [f"# {line}" for line in comment.splitlines()]
-    lines += [f'task = "{settings.task}"', f"name = {json.dumps(name)}"]
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    top: dict[str, Any] = {"task": settings.task, "name": name}
     tables: list[str] = []
     for key, value in data.items():
         if key == "task" or key in RUN or value == default[key]:
             continue
         if not isinstance(value, dict):
-            lines.append(f"{key} = {json.dumps(value)}")
+            top[key] = value
         elif key in ("changes", settings.algorithm):
             own = {k: v for k, v in value.items() if v != default[key].get(k)}
-            tables += ["", f"[{key}]", *(f"{_key(k)} = {json.dumps(v)}" for k, v in own.items())]
-    return "\n".join([*lines, *tables]) + "\n"
-
-
-def _key(name: str) -> str:
-    """Return a name as TOML has it: bare, or in quotes if it is dotted."""
-    return name if name.isidentifier() else json.dumps(name)
+            tables.append(toml_block(f"[{key}]", own))
+    return "\n".join([head + toml_block("", top), *tables])

@@ -30,5 +30,6 @@ from mm_gym.scene.scene import Objective as Objective
 from mm_gym.scene.scene import Scene as Scene
 from mm_gym.scene.scene import Solver as Solver
 from mm_gym.scene.sensors import Sensors as Sensors
+from mm_gym.scene.toml_file import toml_block as toml_block
 from mm_gym.scene.toml_file import with_absolute_records as with_absolute_records
 from mm_gym.scene.toml_file import with_relative_records as with_relative_records

@@ -7,7 +7,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TypeAlias, cast
@@ -311,13 +311,13 @@ def toml_of(scene: Scene, folder: Path) -> str:
     """Return the text of a scene file in a folder, from which `load_scene` reads the same scene."""
     data = cast("Table", scene.model_dump(mode="json"))
     tables = _differences(scene.of(with_relative_records(data, folder)))
-    blocks = [_block("", {k: v for k, v in tables.items() if not _is_table(v)})]
+    blocks = [toml_block("", {k: v for k, v in tables.items() if not _is_table(v)})]
     for name, value in tables.items():
         if isinstance(value, dict):
             blocks += _tables(name, cast("Table", value))
         elif _is_table(value):
-            blocks += [_block(f"[[{name}]]", entry) for entry in cast("list[Table]", value)]
-    return "\n".join(block for block in blocks if block) or "# all defaults\n"
+            blocks += [toml_block(f"[[{name}]]", entry) for entry in cast("list[Table]", value)]
+    return "\n".join(text for text in blocks if text) or "# all defaults\n"
 
 
 def _differences(part: Part) -> Table:
@@ -352,13 +352,14 @@ def _tables(name: str, table: Table) -> list[str]:
     """Return the blocks of a table and of those in it, such as an actuator's."""
     inner = {k: cast("Table", value) for k, value in table.items() if isinstance(value, dict)}
     own = {key: value for key, value in table.items() if key not in inner}
-    blocks = [_block(f"[{name}]", own)] if own or not inner else []
+    blocks = [toml_block(f"[{name}]", own)] if own or not inner else []
     for key, value in inner.items():
         blocks += _tables(f"{name}.{_key(key)}", value)
     return blocks
 
 
-def _block(title: str, table: Table) -> str:
+def toml_block(title: str, table: Table) -> str:
+    """Return the text of a table behind its title; tables in it are written within a line."""
     lines = [title] if title else []
     lines += [f"{_key(key)} = {_value(value)}" for key, value in table.items()]
     return "".join(f"{line}\n" for line in lines)
@@ -370,8 +371,8 @@ def _key(name: str) -> str:
 
 def _value(value: object) -> str:
     """Return a value: texts as JSON, whose escapes TOML reads too, numbers with all digits."""
-    if isinstance(value, list):
-        return f"[{', '.join(_value(entry) for entry in cast('list[object]', value))}]"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_value(entry) for entry in cast('Sequence[object]', value))}]"
     if isinstance(value, dict):
         entries = (f"{_key(key)} = {_value(entry)}" for key, entry in cast("Table", value).items())
         return f"{{ {', '.join(entries)} }}"

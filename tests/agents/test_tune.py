@@ -126,7 +126,12 @@ def test_best_file_says_the_command_and_is_written_plainly(tmp_path, monkeypatch
 
 @pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3", "tqc", "crossq", "recurrent_ppo"])
 def test_every_suggestion_is_a_file_of_settings(algorithm, tmp_path):
-    settings = TuneSettings(algorithm=algorithm, base="lqr", changes={"control.steps": 50})
+    changes = {
+        "control.steps": 50,
+        "sensors.noise": {"carriage_displacement": 1e-5},
+        "excitation": [{"kind": "harmonic", "amplitude": 1.0, "frequency": 2.0}],
+    }
+    settings = TuneSettings(algorithm=algorithm, base="lqr", changes=changes)
     trial = optuna.create_study().ask()
     own = suggested(trial, settings, "trial-0")
     file = tmp_path / "own.toml"
