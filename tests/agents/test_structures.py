@@ -301,7 +301,7 @@ def test_slopes_stay_bounded_where_only_the_loop_with_the_motion_is_stable():
     small = {"law": "lqg", "hidden": 2, "oscillators": 1, "episodes": 16, "iterations": 9}
     settings = GradientSettings.of({"scene": str(FOLDER / "frame.toml"), "name": "f", **small})
     search = Descent(settings, settings.rewarded_scene())
-    network, episodes = search.network, search.episodes
+    ((episodes, network),) = search.parts
     own, n = network.parameters, network.observed
     gain = own["direct"][:, n : n + network.memory]
     # Slopes that are not those of the loop grow by this in each of 500 steps, beyond all numbers.
@@ -426,7 +426,7 @@ def test_shocks_are_followed_where_only_a_force_acts():
     small = {"law": "lqg", "hidden": 2, "oscillators": 1, "episodes": 16, "iterations": 9}
     settings = GradientSettings.of({"scene": str(FOLDER / "hardening_mount.toml"), **small})
     search = Descent(settings, settings.rewarded_scene())
-    network, episodes = search.network, search.episodes
+    ((episodes, network),) = search.parts
     episodes.run(network, range(16))
 
     def gradient(most: float) -> NDArray[np.float32]:
