@@ -11,6 +11,8 @@ from mm_gym.arrays import Array
 
 STATES = ("x1", "x2", "v1", "v2")
 
+FADED = 1e-6  # of a motion after a control step; less is round-off
+
 ENDLESS = {"objective.displacement_limit": None, "objective.rail_half_length": None}
 """Changes of a scene by which no motion ends an episode."""
 
@@ -61,9 +63,17 @@ def plant_of(scene: Scene) -> Plant:
 
 
 def periods(scene: Scene) -> Array:
-    """Return the periods (n,) of the modes of the linear plant that turn, in control steps [-]."""
-    turning = np.abs(np.linalg.eigvals(plant_of(scene).linear()[0]).imag)
-    return 2.0 * np.pi / (turning[turning > 0.0] * scene.control.time_step)
+    """Return the periods (n,) of the modes of the linear plant that turn, in control steps [-].
+
+    Without mass there is no A: those of the sampled plant, which are of two steps or more.
+    """
+    plant = plant_of(scene)
+    if nominal(scene, "carriage.mass") > 0.0:
+        angles = np.linalg.eigvals(plant.linear()[0]).imag * scene.control.time_step
+    else:
+        values = np.linalg.eigvals(plant.discrete()[0])
+        angles = np.angle(values[(values.imag != 0.0) & (np.abs(values) > FADED)])
+    return 2.0 * np.pi / np.abs(angles[angles != 0.0])
 
 
 def require_actuator(scene: Scene, name: str) -> None:

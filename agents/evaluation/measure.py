@@ -19,13 +19,13 @@ from agents.evaluation.studies import (
     Motions,
     Outcome,
     Records,
-    closed_loop,
+    closed_loops,
     efforts,
     motions,
     outcomes,
 )
 from agents.scoring import validation_cost
-from mm_gym import DesignError, Scene
+from mm_gym import CompileError, DesignError, Scene
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def entries(field: Field, task: str) -> tuple[list[Entry], dict[str, str]]:
         try:
             if task in one.texts:
                 rows.append(Entry(one.label, one.make(task, scene)))
-        except DesignError as error:
+        except (CompileError, DesignError) as error:
             not_scored[one.label] = str(error)
     return rows, not_scored
 
@@ -121,9 +121,7 @@ def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: st
     return replace(
         result,
         outcomes=outcomes(scene, rows, episodes, studies.records) if changes else [],
-        loops=[closed_loop(scene, row.controllers[0], row.label) for row in rows]
-        if studies.frequency
-        else [],
+        loops=closed_loops(scene, rows) if studies.frequency else [],
         efforts=efforts(scene, rows, episodes) if studies.effort else [],
         motions={row.label: motions(scene, row.controllers[0], episodes) for row in rows}
         if studies.motions

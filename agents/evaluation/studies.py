@@ -179,6 +179,16 @@ class ClosedLoop:
     distortion: Array
 
 
+def closed_loops(scene: Scene, rows: Sequence[Entry]) -> list[ClosedLoop]:
+    """Return the steady response of every controller of a task; none of a carriage without mass.
+
+    Of a training with several seeds it is the first run.
+    """
+    if scene.carriage.mass == 0.0:  # nor a frequency of its own
+        return []
+    return [closed_loop(scene, row.controllers[0], row.label) for row in rows]
+
+
 def closed_loop(scene: Scene, controller: Controller, label: str) -> ClosedLoop:
     """Measure the steady response of a controller, each frequency and amplitude in a lane.
 

@@ -235,7 +235,7 @@ def _frequency(result: TaskResult) -> Group:
             y_log=True,
             title=f"harmonic force of {force:.3g} N",
         )
-        for k, force in enumerate(loops[0].forces)
+        for k, force in enumerate(loops[0].forces if loops else ())
     ]
     text = (
         "Steady amplitude of x1 at the frequency of a harmonic force, which takes the place of the "

@@ -237,7 +237,7 @@ def _best_start(scene: Scene, shown: Shown, most: float) -> Start:
     starts: list[Start] = []
     tried: list[LawName] = [natural_law(scene), "lqg", "none"]
     for law in [*tried, "constant"] if shown.filtered else tried:
-        with suppress(DesignError):
+        with suppress(CompileError, DesignError):  # no regulator without mass
             starts.append(_law(scene, law, shown))
     return _best(scene, starts, most)
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from agents.control.scene import periods
 from agents.controllers.constant import uncontrolled
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import LQG, design_lqg
 from agents.controllers.registry import laws
 from agents.evolution.search import Evolution, EvolveSettings, evolve
-from agents.gradient.descent import Descent
+from agents.gradient.descent import Descent, descend
 from agents.gradient.recurrent import RecurrentDescent
 from agents.gradient.settings import GradientSettings, fitted
 from agents.network.layers import Correlation
@@ -25,7 +28,7 @@ from agents.training.algorithm_settings import PPOSettings
 from agents.training.best import Best
 from agents.training.config import TrainSettings, settings_from_command_line
 from agents.training.ending import read_ending
-from agents.training.misfits import misfits
+from agents.training.misfits import misfits, print_misfits
 from agents.training.parts import Parts, agent_of, make_parts
 from agents.training.reinforcement import train
 from agents.training.runs import Run
@@ -491,6 +494,37 @@ def test_structures_fit_their_own_motion(name: str):
 def test_what_does_not_fit_is_told(changes: dict[str, object], told: str):
     found = misfits(structure("frame").replace(**changes))
     assert any(line.startswith(told) for line in found)
+
+
+def test_periods_without_mass_are_those_of_a_small_one():
+    springs = {"kind": "linear", "stiffness": 40.0}
+    force = {"actuation.force": {}, "objective.effort_weight": 0.01}
+    scene = Scene().replace(springs=springs, **force)
+    light, none = (periods(scene.replace(**{"carriage.mass": mass})) for mass in (1e-6, 0.0))
+    np.testing.assert_allclose(none, light, rtol=1e-5)
+    assert none.size == 2
+
+
+@pytest.mark.parametrize("search", [EvolveSettings, GradientSettings, TrainSettings])
+def test_scene_without_mass_is_trained(
+    search: type[EvolveSettings | GradientSettings | TrainSettings], tmp_path: Path
+):
+    file = tmp_path / "massless.toml"
+    file.write_text(
+        "[carriage]\nmass = 0.0\ndamping = 2.0\n[initial]\ncarriage_displacement = [-0.01, 0.01]\n"
+        "[actuation.force]\n[objective]\neffort_weight = 0.01\n[control]\nsteps = 30\n"
+    )
+    small: dict[Any, tuple[Callable[..., None], dict[str, Any]]] = {
+        EvolveSettings: (evolve, {"candidates": 4, "generations": 1, "episodes": 2}),
+        GradientSettings: (descend, {"iterations": 1, "episodes": 2}),
+        TrainSettings: (train, {"lanes": 4, "steps": 800, "base": "none"}),
+    }
+    trained, given = small[search]
+    settings = search.of({"scene": str(file), "evaluations": 1, **given})
+    print_misfits(settings)
+    run = Run("massless", tmp_path)
+    trained(settings, run, bar=False)
+    assert read_ending(run) is not None
 
 
 def random_structure(seed: int) -> Scene:

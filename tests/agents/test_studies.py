@@ -15,7 +15,7 @@ from agents.controllers.lqr import LQR
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.aggregates import Sample
 from agents.evaluation.conclusions import conclude
-from agents.evaluation.contestants import Entry, Episodes, Field
+from agents.evaluation.contestants import Contestant, Entry, Episodes, Field
 from agents.evaluation.measure import Studies, TaskResult, measure
 from agents.evaluation.studies import (
     FACTORS,
@@ -150,6 +150,14 @@ def test_closed_loop_of_no_control_is_the_frequency_response(tmp_path) -> None:
     assert found.distortion.max() < 5e-3
     draw_closed_loops(result(("still",), loops=[found]), tmp_path / "frequency.png")
     assert (tmp_path / "frequency.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_carriage_without_mass_has_no_response_over_frequency() -> None:
+    scene = CARRIAGE_FORCE.replace(**{"carriage.mass": 0.0, "control.steps": 20})
+    field = Field({"massless": scene}, (Contestant("lqr", "lqr", {"massless": ("lqr",)}),), False)
+    (found,) = measure(field, EPISODES, Studies(frequency=True, effort=True))
+    assert (found.labels, found.loops, found.efforts) == (("best constant",), [], [])
+    assert found.not_scored["lqr"].startswith("carriage.mass: 0 leaves three states")
 
 
 def test_velocity_feedback_is_a_damper_at_every_amplitude_within_its_limit() -> None:
