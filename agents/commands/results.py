@@ -59,8 +59,7 @@ def main(settings: ResultsSettings) -> str | None:
     data, trials = Path(settings.out).with_suffix(".json"), settings.trials()
     known, problem = read_results(data) if os.path.lexists(data) else NOTHING, None
     if settings.train:
-        names = known_names(known, trials)
-        problem = sweep(settings, trials=[one for one in trials if one.name not in names])
+        problem = sweep(settings, known=known_names(known, trials))
     return problem or write(settings, trials, known)
 
 

@@ -8,7 +8,7 @@ Each training is a run folder in ``runs/NAME``, and ``results.csv`` there has a 
 same command does the remaining trainings, and with more seeds or tasks the additional ones.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from pathlib import Path
 
 from tqdm import tqdm
@@ -35,16 +35,15 @@ def main(settings: SweepSettings) -> str | None:
 
 
 def sweep(
-    settings: SweepSettings, root: Path = Path("runs"), trials: Sequence[RunSettings] | None = None
+    settings: SweepSettings, root: Path = Path("runs"), known: Collection[str] = ()
 ) -> str | None:
-    """Do the trainings that are left, of all or of some; return what went wrong, or None.
+    """Do the trainings that are left, but for those known by name; return what went wrong, or None.
 
     Raise `SceneError` if a setting of a training is wrong, or a scene differs. No folder is made.
     Raise `RunError` if another process is at work on this sweep, or a finished training has other
     settings.
     """
-    trials = settings.trials() if trials is None else trials
-    folder = Run(settings.name, root)
+    trials, folder = settings.trials(), Run(settings.name, root)
     with folder.locked():
         whole = folder.folder.resolve()
         check_scenes(trials, whole)
@@ -53,7 +52,7 @@ def sweep(
             run = Run(trial.name, whole)
             if result_file(run).exists():
                 check_settings(trial, run)
-            else:
+            elif trial.name not in known:
                 left.append(trial)
         problems: dict[str, str] = {}
         with tqdm(total=len(trials), initial=len(trials) - len(left), unit="training") as bar:

@@ -359,6 +359,21 @@ def test_finished_training_of_other_settings_is_refused(tmp_path, monkeypatch, i
             sweep(other, tmp_path)
 
 
+@pytest.mark.usefixtures("untuned")
+def test_known_trainings_are_not_done_and_stay_in_the_table(tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "work_here", here)
+    common = {"candidates": 4, "generations": 1, "episodes": 2, "evaluations": 1}
+    settings = SweepSettings(
+        tasks=("CarriageForce",), algorithms=("evolution",), seeds=2, settings=common, name="s"
+    )
+    first, second = (trial.name for trial in settings.trials())
+    for known in ({second}, {first, second}):
+        assert sweep(settings, tmp_path, known) is None
+        assert [file.parent.name for file in tmp_path.glob("s/*/result.json")] == [first]
+        rows = (tmp_path / "s" / "results.csv").read_text().splitlines()
+        assert [row.split(",")[3] for row in rows[1:]] == ["0"]
+
+
 def test_results_of_different_scenes_are_not_written_beside_each_other(tmp_path):
     trials = SweepSettings(tasks=("CarriageForce",), seeds=2).trials()
     for trial, mass in zip(trials, (0.2, 0.3), strict=True):
