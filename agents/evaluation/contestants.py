@@ -34,12 +34,18 @@ LEAST = 2  # least number of episodes of a seed
 class Contestant:
     """What stands in one row of the tables."""
 
-    label: str  # its name there
+    name: str  # its name there
     text: str  # what was given for it
     # Task -> what makes its controllers: names that `law_of` takes. Several are runs of one
     # training with several seeds.
     texts: Mapping[str, tuple[str, ...]]
+    addition: str = ""  # what is told behind its name
     trust: bool = False  # whether the user's own code that runs name is run
+
+    @property
+    def label(self) -> str:
+        """What it is called in the tables."""
+        return self.name + self.addition
 
     def make(self, task: str, scene: Scene) -> list[Controller]:
         """Return its controllers for a task: one, or one for each seed."""
@@ -182,7 +188,7 @@ def read_field(
         raise RunError(msg)
     labels = [one.label for one in found]
     distinct = tuple(
-        replace(one, label=one.label if labels.count(one.label) == 1 else one.text, trust=trust)
+        replace(one, name=one.name if labels.count(one.label) == 1 else one.text, trust=trust)
         for one in found
     )
     return Field(scenes, distinct, baselines=BASELINES in texts)
@@ -289,7 +295,8 @@ def _trained(
 
     `elsewhere` is whether runs of one scene may stand on others.
     """
-    label = Path(text).name.replace("*", "").strip("-_.") or Path(text).parent.name
+    name = Path(text).name.replace("*", "").strip("-_.") or Path(text).parent.name
+    addition = ""
     names = [trained.name for trained in runs.values()]
     wanted = {scene.digest for scene in scenes.values()}
     if set(runs) != wanted:
@@ -302,7 +309,7 @@ def _trained(
             raise RunError(msg)
         (only,) = runs.values()
         other = only.name in scenes and scenes[only.name].digest != only.scene.digest
-        label += f", trained on {'another ' * other}{only.name}"
+        addition = f", trained on {'another ' * other}{only.name}"
         runs = dict.fromkeys(wanted, only)
     counts = {trained.name: len(trained.runs) for trained in runs.values()}
     if len(set(counts.values())) > 1:
@@ -313,7 +320,7 @@ def _trained(
         task: tuple(str(run.folder) for run in runs[scene.digest].runs)
         for task, scene in scenes.items()
     }
-    return Contestant(label, text, folders)
+    return Contestant(name, text, folders, addition)
 
 
 def _named(text: str, scenes: Mapping[str, Scene]) -> Contestant:

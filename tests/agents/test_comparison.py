@@ -327,6 +327,9 @@ def test_runs_of_other_scenes_are_compared_where_it_is_said_and_named_so(
     assert [one.label for one in compared.contestants] == labels
     (found,) = measure(compared, EPISODES)
     assert found.labels[1:] == tuple(labels)
+    same = str(run(tmp_path / "other" / "task"))
+    labels = [f"{one}, trained on {FORCE}" for one in (task, same)]
+    assert [one.label for one in read_field([task, same], ["heavy.toml"]).contestants] == labels
     (tmp_path / "heavy.toml").write_text(OWN.replace("2.0", "3.0"))
     (label,) = (one.label for one in read_field([heavy], ["heavy.toml"]).contestants)
     assert label == "heavy, trained on heavy.toml, as it was"
