@@ -11,10 +11,10 @@ from rich.console import Console
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.conclusions import THRESHOLDS, Comparison, Overall, Row
 from agents.evaluation.measure import TaskResult
-from agents.report.comparison_figures import draw_comparison
+from agents.report.comparison_figures import draw_comparison, names_of_some
 from agents.report.pages import not_scored_cells, percent, print_table, render, write_rows
 from mm_gym import SceneError
-from mm_gym.files import write_text
+from mm_gym.files import read_text, write_text
 
 COST, SCORE = ("cost", "95 % interval"), ("score", "95 % interval")
 PAGE = ("worst episode", "worst tenth", "change", "95 % interval", "won")
@@ -126,7 +126,11 @@ def episodes_in_words(comparison: Comparison) -> str:
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> None:
-    """Write tables as CSV, JSON and Markdown, and the penalty of every episode as CSV."""
+    """Write tables as CSV, JSON and Markdown, and the penalty of every episode as CSV.
+
+    Files that only some comparisons have are deleted first, where the folder has an earlier one.
+    """
+    _delete_earlier(folder)
     results = comparison.results
     write_rows(folder / "comparison.csv", _scores(comparison))
     write_rows(
@@ -189,6 +193,17 @@ def write_comparison(comparison: Comparison, folder: Path) -> None:
     )
     write_text(folder / "comparison.json", json.dumps(as_data(comparison), indent=1) + "\n")
     write_text(folder / "comparison.md", page(comparison))
+
+
+def _delete_earlier(folder: Path) -> None:
+    """Delete the files of an earlier comparison in a folder that the next need not have."""
+    try:
+        tasks = json.loads(read_text(folder / "comparison.json"))["tasks"]
+        figures = names_of_some(list(tasks))
+    except (OSError, ValueError, LookupError, TypeError):  # none, or none of a comparison
+        return
+    for name in ("robustness.csv", "frequency.csv", "effort.csv", *figures):
+        (folder / name).unlink(missing_ok=True)
 
 
 def _scores(comparison: Comparison) -> Iterator[dict[str, object]]:

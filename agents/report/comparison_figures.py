@@ -36,6 +36,12 @@ def draw_comparison(comparison: Comparison, folder: Path) -> None:
             draw_closed_loops(result, folder / f"frequency_{name}.png")
 
 
+def names_of_some(tasks: Sequence[str]) -> list[str]:
+    """Return the names of the figures that not every comparison of these tasks has."""
+    kinds = ("robustness", "frequency")
+    return ["scores.png", *(f"{k}_{_file_name(task, tasks)}.png" for task in tasks for k in kinds)]
+
+
 def _file_name(task: str, tasks: Sequence[str]) -> str:
     """Return the part of a file's name that tells a task's figure from those of the others."""
     stem = Path(task).stem.lower()

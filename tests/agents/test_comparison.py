@@ -170,6 +170,22 @@ def test_files_hold_every_number_and_come_out_again_byte_for_byte(tmp_path) -> N
     )
 
 
+def test_comparison_leaves_no_file_of_an_earlier_one_in_its_folder(tmp_path) -> None:
+    (tmp_path / "effort.csv").write_text("one's own")
+    write_comparison(CONCLUDED, tmp_path)
+    assert (tmp_path / "effort.csv").exists()
+    names = ("effort.csv", "scores.png", f"frequency_{_file_name(FORCE, [FORCE])}.png")
+    for name in (*names, "frequency_mine.png", "notes.csv"):
+        (tmp_path / name).write_text("earlier")
+    write_comparison(CONCLUDED, tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        *("comparison.csv", "comparison.json", "comparison.md"),
+        *("episodes.csv", "frequency_mine.png", "notes.csv"),
+    ]
+    (tmp_path / "comparison.json").write_text("{}")
+    write_comparison(CONCLUDED, tmp_path)
+
+
 def test_page_has_a_table_for_each_task_and_one_for_all() -> None:
     text = page(CONCLUDED)
     assert [line for line in text.splitlines() if line.startswith("## ")] == [
