@@ -5,9 +5,11 @@ before it. So one that a killed process was busy with is repeated at its place, 
 work on one study never draw the same.
 """
 
+import ctypes
 import os
 import platform
 import sqlite3
+import sys
 import warnings
 import zlib
 from collections.abc import Iterator
@@ -35,6 +37,9 @@ MOST_REPETITIONS = 100
 MAGIC = b"SQLite format 3\0"  # first bytes of a database
 ASIDE = ("-journal", "-wal", "-shm")  # endings of the files that SQLite reads with a database
 
+SYNCHRONIZE, ACCESS_DENIED = 0x100000, 5
+"""Of Windows: the right to wait for a process, and the error of one that is another user's."""
+
 PROCESS = "process"
 """Attribute of a trial: the machine and the number of the process that is busy with it."""
 
@@ -61,7 +66,7 @@ def open_study(name: str, folder: Path, seed: int) -> Study:
         pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
     )
     for trial in study.get_trials(states=(TrialState.RUNNING,)):
-        if _is_dead(*trial.user_attrs.get(PROCESS, ("", 0))):
+        if is_dead(*trial.user_attrs.get(PROCESS, ("", 0))):
             study.tell(trial.number, state=TrialState.FAIL)
             repeat(study, trial)
     return study
@@ -156,17 +161,32 @@ def _first(trial: FrozenTrial) -> int:
     return trial.number if number is None else number
 
 
-def _is_dead(machine: str, number: int) -> bool:
+def is_dead(machine: str, number: int) -> bool:
     """Tell whether a process was on this machine and is no more."""
     if machine != platform.node():
         return False
+    if number == os.getpid():  # a number that is used again
+        return True
+    if sys.platform == "win32":
+        return _is_dead_on_windows(number)
     try:
         os.kill(number, 0)
     except ProcessLookupError:
         return True
     except PermissionError:
-        return False
-    return number == os.getpid()  # a number that is used again
+        pass
+    return False
+
+
+def _is_dead_on_windows(number: int) -> bool:
+    """Tell the same where signal 0 is Ctrl+C, not a question."""
+    kernel = ctypes.WinDLL("kernel32", use_last_error=True)
+    process = kernel.OpenProcess(SYNCHRONIZE, False, number)
+    if not process:
+        return ctypes.get_last_error() != ACCESS_DENIED
+    is_over = kernel.WaitForSingleObject(process, 0) == 0
+    kernel.CloseHandle(process)
+    return is_over
 
 
 @contextmanager

@@ -1,8 +1,14 @@
 """Does tuning go on after a kill, prune, and write files that train?"""
 
+import ctypes
 import itertools
+import os
+import platform
 import re
 import signal
+import subprocess
+import sys
+from unittest import mock
 
 import kills
 import numpy as np
@@ -14,6 +20,7 @@ from agents.training.config import TrainSettings, read_settings
 from agents.training.ending import Ending
 from agents.training.runs import Run, RunError
 from agents.training.search_space import as_toml, suggested
+from agents.training.studies import is_dead
 
 QUICK = TuneSettings(
     task="mm_gym/CarriageForce-v0", name="quick", lanes=8, steps=800, evaluations=2, trials=2
@@ -23,6 +30,36 @@ QUICK = TuneSettings(
 @pytest.fixture(autouse=True)
 def quiet():
     optuna.logging.set_verbosity(optuna.logging.ERROR)
+
+
+def ended():
+    """Return the number of a process that is no more."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+def test_process_of_a_trial_is_alive_or_dead():
+    here = platform.node()
+    assert is_dead(here, ended())
+    assert is_dead(here, os.getpid())  # its number is used again
+    assert not is_dead(here, os.getppid())
+    assert not is_dead("elsewhere", ended())
+
+
+@pytest.mark.parametrize(
+    ("opened", "error", "ended", "want"),
+    [(0, 87, None, True), (0, 5, None, False), (7, 0, 0, True), (7, 0, 258, False)],
+)
+def test_no_signal_is_sent_on_windows(opened, error, ended, want, monkeypatch):
+    kernel = mock.Mock()
+    kernel.OpenProcess.return_value, kernel.WaitForSingleObject.return_value = opened, ended
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(os, "kill", lambda *_: pytest.fail("a signal is sent"))
+    monkeypatch.setattr(ctypes, "WinDLL", lambda *_, **__: kernel, raising=False)
+    monkeypatch.setattr(ctypes, "get_last_error", lambda: error, raising=False)
+    assert is_dead(platform.node(), os.getppid()) == want
+    assert kernel.CloseHandle.called == bool(opened)
 
 
 def study_of(folder):
