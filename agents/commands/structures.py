@@ -24,6 +24,7 @@ from agents.training.parts import agent_of, recorded_parts
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 from mm_gym import DesignError, load_scene
+from mm_gym.errors import check_name
 from mm_gym.files import write_text
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -54,9 +55,11 @@ class Arguments:
 @command
 def main(arguments: Arguments) -> None:
     """Search from the command line."""
+    files = {file.stem: file for file in sorted((CONFIGS / "structures").glob("*.toml"))}
+    for name in arguments.structures:
+        check_name("structures", name, files)
     rows = json.loads(SCORES.read_text("utf-8")) if SCORES.exists() else {}
-    files = sorted((CONFIGS / "structures").glob("*.toml"))
-    for file in files:
+    for file in files.values():
         if arguments.structures and file.stem not in arguments.structures:
             continue
         known, digest = rows.get(file.stem, {}), load_scene(file).digest

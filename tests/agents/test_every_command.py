@@ -127,6 +127,7 @@ BAD = [
         ([command, "HybridRobust"], "task: got 'HybridRobust'; did you mean 'Hybrid'")
         for command in ("headroom", "controller_tables", "sealed")
     ),
+    (["structures", "--structures", "towr"], "structures: got 'towr'; did you mean 'tower'"),
     (["record", "Hybrit"], "got 'Hybrit'; did you mean 'Hybrid'"),
     (["record", "mine.toml"], "mine.toml: no such file"),
     (["results", "bad.toml"], "bad.toml: stepz: unknown key"),
