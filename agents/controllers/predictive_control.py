@@ -163,7 +163,7 @@ class PredictiveControl(Law):
 
 
 def predictive_control(scene: Scene, law: Law) -> Feedback:
-    """Return predictive control in real time.
+    """Return predictive control of the quickest kind that suits a scene.
 
     Plans are improved by derivatives where a force acts, if actuators and control steps allow it;
     elsewhere they are searched around a law.

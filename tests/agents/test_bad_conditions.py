@@ -93,7 +93,7 @@ def test_disk_that_fills_up_in_the_middle_keeps_the_last_checkpoint(
 def test_missing_extra_is_named_before_a_folder_is_made(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "sb3_contrib", None)
-    monkeypatch.setattr("sys.argv", ["train", *ARGUMENTS, "--algorithm", "tqc"])
+    monkeypatch.setattr("sys.argv", ["train", *ARGUMENTS[:9], "--algorithm", "tqc"])
     assert command.main() == (
         "error: algorithm 'tqc' needs sb3-contrib: install the extra `contrib`"
     )
