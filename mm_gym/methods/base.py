@@ -95,6 +95,11 @@ class Method(ABC):
         """Return why the method cannot keep the settings on a plant that it applies to, or None."""
         return None
 
+    def planned(self, support: Support, settings: Settings) -> Settings | None:
+        """Return the settings, with ten times the tolerance and so on until it can keep them."""
+        looser = (settings._replace(tolerance=settings.tolerance * 10.0**k) for k in range(12))
+        return next((one for one in looser if self.obstacle(support, one) is None), None)
+
     def limit(self, support: Support) -> str | None:  # noqa: ARG002 - most have no limit
         """Return why the method does not apply to a plant of its kinds, or None if it does."""
         return None

@@ -17,7 +17,6 @@ from mm_gym.lanes import layout
 from mm_gym.methods.base import Settings, degree, header
 from mm_gym.methods.linear.kernel import TRANSITION
 from mm_gym.methods.linear_series.method import LONGEST_PIECE
-from mm_gym.methods.runge_kutta import layout as runge_kutta
 from mm_gym.methods.runge_kutta.method import RungeKutta
 from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.methods.taylor import layout as series
@@ -47,13 +46,13 @@ def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> 
     """
     model = header(support, slots.CAUSES - layout.MODEL_OWN + width)
     if support.is_general:
-        plans = (_RUNGE_KUTTA.model(support, Settings(TOLERANCE * 10.0**k, 1)) for k in range(12))
-        steps = next((one for one in plans if one[runge_kutta.STEPS] > 0.0), None)
-        if steps is None:
-            settings = Settings(TOLERANCE, 1)
-            reason = _RUNGE_KUTTA.limit(support) or _RUNGE_KUTTA.failing(support, settings)
+        settings = Settings(TOLERANCE, 1)
+        planned = _RUNGE_KUTTA.planned(support, settings)
+        if planned is None:
+            reason = _RUNGE_KUTTA.obstacle(support, settings)
             msg = f"jacobian: not by {_RUNGE_KUTTA.title}: {reason}"
             raise SimulationError(msg)
+        steps = _RUNGE_KUTTA.model(support, planned)
         model[: len(steps)] = steps
     model[series.HAS_FRICTION] = support.slips
     model[series.IS_CUBIC] = support.is_cubic or layout.BETA in causes

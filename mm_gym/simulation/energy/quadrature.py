@@ -77,13 +77,10 @@ def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -
 @lru_cache(maxsize=64)
 def _tight(plant: Plant, duration: float) -> Plant:
     """Return the plant with the tightest tolerance, its own at most, that its method can plan."""
-    support, own = plant.at_interval(duration).support, plant.settings.tolerance
-    tighter = (TOLERANCE * 10.0**k for k in range(12))
-    for tolerance in itertools.takewhile(lambda tolerance: tolerance < own, tighter):
-        settings = plant.settings._replace(tolerance=tolerance)
-        if plant.method.failing(support, settings) is None:
-            return replace(plant, settings=settings)
-    return plant
+    support, own = plant.at_interval(duration).support, plant.settings
+    found = plant.method.planned(support, own._replace(tolerance=TOLERANCE))
+    is_tighter = found is not None and found.tolerance < own.tolerance
+    return replace(plant, settings=found) if is_tighter else plant
 
 
 def _at(plant: Plant, lanes: Array, part: float, duration: float) -> tuple[Array, Array, Array]:
