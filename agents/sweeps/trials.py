@@ -148,8 +148,7 @@ class SweepSettings(Document):
                 _check_settings(algorithm, TrainSettings, data)
                 chosen = "ppo" if algorithm == RESIDUAL else algorithm
                 whole = TrainSettings.of({**data, **fixed, "algorithm": chosen})
-                # The digests in docs/results.json of all algorithms are with the settings of PPO.
-                for other in {*whole.unused} - {"ppo"}:
+                for other in whole.unused:
                     data.pop(other, None)
                 return TrainSettings.of({**data, **fixed, "algorithm": chosen})
             kind, _ = SEARCHES[algorithm]
