@@ -6,8 +6,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Law, Memory
+from agents.control.controller import Acted, Memory
 from agents.control.scene import plant_of
+from agents.controllers.adjustable import Adjustable
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Free, Tunable, without_weight
 from mm_gym import Scene
@@ -15,8 +16,11 @@ from mm_gym.arrays import Array
 
 HOLD, PUSH, RETURN = 0, 1, 2
 
+OF_DESIGN = "hold_effort", "hold_velocity"
+"""Free numbers of the LQR's design: they cannot change in a control step."""
 
-class InertialDrive(Law):
+
+class InertialDrive(Adjustable):
     """Push the carriage fast towards the sphere, and return it without slip, until that is centred.
 
     While the sphere sticks, nothing changes where it comes to rest, x2 - x1 + m2 v2 / c_s: the
@@ -33,11 +37,14 @@ class InertialDrive(Law):
     A mirrored state gives the mirrored force.
     """
 
-    name = "inertial drive"
+    name, inputs = "inertial drive", 5
 
     def __init__(self, scene: Scene, numbers: Mapping[str, float]) -> None:
         assert scene.interface.kind == "dry_friction"  # noqa: S101 - `_refused` sees to it
-        friction, carriage, self.numbers = scene.interface, scene.carriage, dict(numbers)
+        free = free_numbers(scene).items()
+        super().__init__({name: one for name, one in free if name not in OF_DESIGN}, numbers)
+        friction, carriage = scene.interface, scene.carriage
+        self.length = scene.objective.displacement_scale
         self.speed = friction.reference_velocity
         self.momentum = 1.0 / plant_of(scene).linear()[0][3, 2]  # m2 / c_s [s], of stick
         self.static = scene.sphere.mass * self.speed / self.momentum
@@ -61,6 +68,14 @@ class InertialDrive(Law):
 
     def begin(self, lanes: int) -> Memory:
         return {"mode": np.full(lanes, HOLD), "side": np.zeros(lanes)}
+
+    def situation(self, memory: Memory, state: Array) -> Array:
+        """Return x1, the rest's distance, v1 and v2 towards the sphere's side, and the mode."""
+        x1, x2, v1, v2 = state.T
+        rest = x2 - x1 + self.momentum * v2
+        side = np.where(memory["side"] == 0.0, np.sign(rest), memory["side"])
+        towards = side * [x1, rest, v1, v2] / np.c_[[self.length] * 2 + [self.speed] * 2]
+        return np.vstack([towards, memory["mode"] - PUSH]).T
 
     def friction(self, slip: Array) -> Array:
         """Return the friction force [N] on the carriage at slips v2 - v1 [m/s]."""
@@ -132,14 +147,6 @@ def _refused(scene: Scene) -> str | None:
     return without_weight(scene)
 
 
-INERTIAL_DRIVE = Tunable(
-    "inertial-drive",
-    free_numbers,
-    InertialDrive,
-    by_lane=frozenset(
-        {"band", "hysteresis", "reach", "reach_growth", "retreat", "retreat_growth", "lead"}
-        | {"push", "push_growth", "push_gain", "return", "return_gain"}
-    ),
-)
+INERTIAL_DRIVE = Tunable("inertial-drive", free_numbers, InertialDrive)
 
 ENTRIES = (INERTIAL_DRIVE.entry(("force",), 12, refuses=_refused),)

@@ -1,8 +1,9 @@
 """Predictive control: plans tried on the scene's own model, of which the best is begun."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,16 +12,14 @@ from agents.control.controller import Acted, Law, Memory, chosen, joined, part
 from agents.control.feedback import Feedback
 from agents.control.model import Model, require_reward_of_motion
 from agents.control.trajectories import ends_of
+from agents.controllers.adjustable import Adjustable
 from agents.controllers.forecast import Forecast
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
-from agents.controllers.noise import Noise
+from agents.controllers.noise import Noise, States
 from agents.controllers.registry import Entry
 from agents.controllers.tuned import best_law, classical_laws
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
-
-Start: TypeAlias = tuple[Array, Array, tuple[Array, Array]]
-"""States of the motion, the interface's own ones, and what actuators have and were asked."""
 
 QUICK, SHORT = 0.002, 20  # control steps [s] up to which fewer steps ahead are planned, to keep up
 
@@ -53,6 +52,21 @@ class Search:
 
 SEARCH = Search(horizon=30, plans=48, elite=5, rounds=2, kept=5, spread=0.6, least_spread=0.05)
 
+ROLLOUTS = Search(horizon=60, plans=64, elite=6, rounds=2, kept=6, spread=0.6, least_spread=0.05)
+
+
+class Now(NamedTuple):
+    """What plans begin with."""
+
+    # state, own: (lanes, 4) and (lanes, n), of the motion and the interface
+    state: Array
+    own: Array
+    # applied, asked: (lanes, k), what actuators have and were asked
+    applied: Array
+    asked: Array
+    forces: Array  # (steps, lanes) that are expected [N]
+    law: Memory  # of the law
+
 
 class PredictiveControl(Law):
     """Try plans over a receding horizon by the cross-entropy method, and begin the best.
@@ -70,6 +84,7 @@ class PredictiveControl(Law):
         self.name = f"predictive control, {search.horizon} steps ahead"
         self.law, self.search = law, search
         self.columns = len(scene.actuation.names)
+        self.shape, self.most = (search.horizon, self.columns), 1.0  # of a plan, and its numbers
         self.actuators, self.forecast = Actuators(scene), Forecast(scene)
         self.model, self.noise = Model(scene), Noise(SEED)
         self.ends = ends_of(scene.objective)
@@ -78,7 +93,7 @@ class PredictiveControl(Law):
         return {
             **joined(forecast=self.forecast.begin(lanes), law=self.law.begin(lanes)),
             "begun": np.zeros(lanes, np.bool_),
-            "plan": np.zeros((lanes, self.search.horizon, self.columns)),
+            "plan": np.zeros((lanes, *self.shape)),
             "asked": np.zeros((lanes, self.columns)),
             "own": self.model.at_rest(lanes),
             "state": np.zeros((lanes, 4)),  # the last one, and the force expected after it
@@ -92,33 +107,42 @@ class PredictiveControl(Law):
         forces, forecast = self.forecast.ahead(
             part(memory, "forecast"), state, applied, self.search.horizon
         )
-        start = state, own, (applied, asked)
-        plan = np.moveaxis(memory["plan"], 1, 0)
-        of_law, law = self._plan_of_law(part(memory, "law"), start, forces)
-        first = [of_law, plan, *(np.full(plan.shape, value) for value in (-1.0, 0.0, 1.0))]
-        search, noise, rows = self.search, memory["noise"], np.arange(len(state))[:, None]
-        mean, kept, spread = of_law, np.stack(first, axis=2), np.full(plan.shape, search.spread)
-        for _ in range(search.rounds):
-            shape = (*plan.shape[:2], search.plans, self.columns)
-            drawn, noise = self.noise.drawn(noise, shape, axis=1)
-            plans = mean[:, :, None] + spread[:, :, None] * drawn
-            plans[:, :, : kept.shape[2]] = kept
-            np.clip(plans, -1.0, 1.0, out=plans)
-            order = np.argsort(-self._worth(plans, start, forces), axis=1)[:, : search.elite]
-            elite = plans[:, rows, order]
-            kept, mean = elite[:, :, : search.kept], elite.mean(axis=2)
-            spread = np.maximum(elite.std(axis=2), search.least_spread)
-        best = kept[:, :, 0]
-        return best[0], {
+        now = Now(state, own, applied, asked, forces, part(memory, "law"))
+        plan, noise = np.moveaxis(memory["plan"], 1, 0), memory["noise"]
+        action, law, plan, noise = self._planned(now, plan, noise)
+        return action, {
             **joined(forecast=forecast, law=law),
             "begun": np.ones_like(memory["begun"]),
-            "plan": np.moveaxis(np.concatenate([best[1:], best[-1:]]), 0, 1),
-            "asked": self.actuators.reached(best[0], applied, asked)[1],
+            "plan": np.moveaxis(plan, 0, 1),
+            "asked": self.actuators.reached(action, applied, asked)[1],
             "own": own,
             "state": state.copy(),
             "force": forces[0],
             "noise": noise,
         }
+
+    def _planned(self, now: Now, plan: Array, noise: States) -> tuple[Array, Memory, Array, States]:
+        """Return the action, the law's memory, the plan to begin the next step with, and noise."""
+        of_law, law = self._plan_of_law(now)
+        kept = [of_law, plan, *(np.full(plan.shape, value) for value in (-1.0, 0.0, 1.0))]
+        best, noise = self._searched(now, of_law, np.stack(kept, axis=2), noise)
+        return best[0], law, np.concatenate([best[1:], best[-1:]]), noise
+
+    def _searched(self, now: Now, mean: Array, kept: Array, noise: States) -> tuple[Array, States]:
+        """Return the best plan (steps, lanes, d), from a mean and others that are tried first."""
+        search, rows = self.search, np.arange(len(now.state))[:, None]
+        spread = np.full(mean.shape, search.spread)
+        for _ in range(search.rounds):
+            steps, lanes, numbers = mean.shape
+            drawn, noise = self.noise.drawn(noise, (steps, lanes, search.plans, numbers), axis=1)
+            plans = mean[:, :, None] + spread[:, :, None] * drawn
+            plans[:, :, : kept.shape[2]] = kept
+            np.clip(plans, -self.most, self.most, out=plans)
+            order = np.argsort(-self._worth(plans, now), axis=1)[:, : search.elite]
+            elite = plans[:, rows, order]
+            kept, mean = elite[:, :, : search.kept], elite.mean(axis=2)
+            spread = np.maximum(elite.std(axis=2), search.least_spread)
+        return kept[:, :, 0], noise
 
     def _own(self, memory: Memory, applied: Array) -> Array:
         """Return the interface's own states after the last step, in which so much was applied."""
@@ -129,12 +153,12 @@ class PredictiveControl(Law):
         self.model.advance(applied, memory["force"])
         return chosen(begun, self.model.own, own)
 
-    def _plan_of_law(self, memory: Memory, start: Start, forces: Array) -> Acted:
+    def _plan_of_law(self, now: Now) -> Acted:
         """Return the law's plan, and its memory after the first step."""
-        state, own, (applied, asked) = start
-        plan, memories = np.empty((*forces.shape, self.columns)), []
-        self.model.begin(state, own)
-        for step, force in enumerate(forces):
+        plan, memories, memory = np.empty((*now.forces.shape, self.columns)), [], now.law
+        state, applied, asked = now.state, now.applied, now.asked
+        self.model.begin(state, now.own)
+        for step, force in enumerate(now.forces):
             action, memory = self.law.action(memory, state, applied)
             memories.append(memory)
             plan[step] = np.clip(action, -1.0, 1.0)
@@ -142,32 +166,71 @@ class PredictiveControl(Law):
             state = self.model.advance(applied, force)[0]
         return plan, memories[0]
 
-    def _worth(self, plans: Array, start: Start, forces: Array) -> Array:
+    def _worth(self, plans: Array, now: Now) -> Array:
         """Return the sums of rewards (lanes, plans) of the plans."""
-        state, own, (applied, asked) = start
-        state, own, applied, asked = (
-            np.repeat(value, self.search.plans, axis=0) for value in (state, own, applied, asked)
-        )
-        self.model.begin(state, own)
-        pushed = np.repeat(forces, self.search.plans, axis=1)
         actions = plans.reshape(len(plans), -1, self.columns)
-        total = -self.model.effort_weight * (actions**2).sum(axis=(0, 2))
-        beyond = np.zeros(len(total), np.bool_)
-        for each, force in zip(actions, pushed, strict=True):
+        return self._rewards(now, lambda step, _state, _applied: actions[step])
+
+    def _rewards(self, now: Now, act: Callable[[int, Array, Array], Array]) -> Array:
+        """Return the sums of rewards (lanes, plans) of what acts in so many copies of each lane."""
+        count = self.search.plans
+        copied = (np.repeat(value, count, axis=0) for value in now[:4])
+        state, own, applied, asked = copied
+        self.model.begin(state, own)
+        total, beyond = np.zeros(len(state)), np.zeros(len(state), np.bool_)
+        for step, force in enumerate(np.repeat(now.forces, count, axis=1)):
+            each = act(step, state, applied)
+            total -= self.model.effort_weight * (each**2).sum(axis=1)
             applied, asked = self.actuators.reached(each, applied, asked)
             state, rewards = self.model.advance(applied, force)
             for limit, of in self.ends:
                 beyond |= np.abs(state[:, :2] @ of) >= limit
             total += np.where(beyond, -ENDED, rewards)
-        return total.reshape(plans.shape[1:3])
+        return total.reshape(-1, count)
+
+
+class RolloutPredictiveControl(PredictiveControl):
+    """Try a law with other numbers over a receding horizon, and act as the best of them.
+
+    A plan is what the law does, so a few numbers make a long plan. They are searched anew in each
+    control step, around the last ones; those of the law are always tried. Bertsekas, Tsitsiklis and
+    Wu, *Rollout algorithms for combinatorial optimization*, J. Heuristics 3 (1997). Raise
+    `DesignError` as `PredictiveControl` does.
+    """
+
+    law: Adjustable
+
+    def __init__(self, scene: Scene, law: Adjustable, search: Search = ROLLOUTS) -> None:
+        super().__init__(scene, law, search)
+        self.shape, self.most = (1, len(law.free)), np.inf
+
+    def _planned(self, now: Now, plan: Array, noise: States) -> tuple[Array, Memory, Array, States]:
+        best, noise = self._searched(now, plan, np.stack([plan, np.zeros_like(plan)], 2), noise)
+        action, law = self.law.at(best[0]).action(now.law, now.state, now.applied)
+        return np.clip(action, -1.0, 1.0), law, best, noise
+
+    def _worth(self, plans: Array, now: Now) -> Array:
+        law = self.law.at(plans.reshape(-1, len(self.law.free)))
+        count = self.search.plans
+        memory = {name: np.repeat(array, count, axis=0) for name, array in now.law.items()}
+
+        def act(_step: int, state: Array, applied: Array) -> Array:
+            nonlocal memory
+            action, memory = law.action(memory, state, applied)
+            return np.clip(action, -1.0, 1.0)
+
+        return self._rewards(now, act)
 
 
 def predictive_control(scene: Scene, law: Law) -> Feedback:
-    """Return predictive control of the quickest kind that suits a scene.
+    """Return predictive control of the kind that suits a scene.
 
-    Plans are improved by derivatives where a force acts, if actuators and control steps allow it;
-    elsewhere they are searched around a law.
+    Plans are what the law does with other numbers, where these can change in each step. Else they
+    are improved by derivatives where a force acts, if actuators and control steps allow it, and
+    elsewhere they are searched around the law.
     """
+    if isinstance(law, Adjustable):
+        return Feedback(scene, RolloutPredictiveControl(scene, law))
     if scene.actuation.force is not None and scene.control.time_step > QUICK:
         with suppress(DesignError):
             return Feedback(scene, NewtonPredictiveControl(scene))

@@ -125,8 +125,6 @@ class Tunable:
     name: str  # for commands, as of its entry
     free: Callable[[Scene], Mapping[str, Free]]  # returns the free numbers of a design by name
     make: Callable[[Scene, Mapping[str, Any]], Controller | Law]  # of such numbers
-    # Numbers that the design also takes as arrays (lanes,): other ones in each episode.
-    by_lane: frozenset[str] = frozenset()
 
     def entry(
         self,

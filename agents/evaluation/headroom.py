@@ -7,6 +7,7 @@ import numpy as np
 
 from agents.control.controller import Controller
 from agents.control.feedback import Feedback
+from agents.controllers.adjustable import Adjustable
 from agents.controllers.constant import ConstantAction, best_constant, held, no_control
 from agents.controllers.noise import RandomActions
 from agents.controllers.predictive_control import predictive_control
@@ -93,10 +94,10 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, A
     for entry in entries(scene):
         if entry.tunable is None or entry.refuses(scene) is not None:
             continue
-        if entry.tunable.by_lane:
+        for law in _adjustable(scene, entry.tunable):
             for k in range(BEST):
                 name = f"{entry.name} with numbers of each episode {k + 1}"
-                starts[name] = adapted(scene, entry.tunable, generator, episodes)
+                starts[name] = adapted(scene, law, generator, episodes)
         costs = np.full((BEST, episodes), np.inf)
         applied = np.zeros((BEST, scene.control.steps, episodes, len(scene.actuation.names)))
         for k in range(VARIED):
@@ -114,27 +115,30 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, A
     return starts
 
 
-def adapted(scene: Scene, tunable: Tunable, generator: np.random.Generator, episodes: int) -> Array:
-    """Return what a controller applied (steps, episodes, k) with the best numbers of each episode.
+def _adjustable(scene: Scene, tunable: Tunable) -> list[Adjustable]:
+    """Return the law with its best numbers, if these can differ between episodes."""
+    found, _ = designed(scene, {tunable.name: tunable.best})
+    return [
+        one.law for one in found if isinstance(one, Feedback) and isinstance(one.law, Adjustable)
+    ]
+
+
+def adapted(scene: Scene, law: Adjustable, generator: np.random.Generator, episodes: int) -> Array:
+    """Return what a law applied (steps, episodes, k) with the best numbers of each episode.
 
     Each episode has a search of its own: an evolution strategy of one parent and one child. Its
     spread grows by a half after a success and shrinks by a tenth after a failure: it is steady at
     a fifth of successes (Rechenberg 1973).
     """
-    free, numbers = tunable.free(scene), tunable.numbers(scene)
-    names = sorted(tunable.by_lane)
-    parent = np.zeros((len(names), episodes))
-    spread = np.full(episodes, AROUND[1])
-    best = evaluate(scene, tunable.design(scene, numbers), episodes=episodes)
+    parent, spread = np.zeros((episodes, len(law.free))), np.full(episodes, AROUND[1])
+    best = evaluate(scene, Feedback(scene, law), episodes=episodes)
     costs, applied = best.episode_costs, best.applied.copy()
     for _ in range(CHILDREN):
-        child = parent + spread * generator.standard_normal(parent.shape)
-        own = {
-            name: free[name].value(z, numbers[name]) for name, z in zip(names, child, strict=True)
-        }
-        found = evaluate(scene, tunable.design(scene, numbers | own), episodes=episodes)
+        child = parent + spread[:, None] * generator.standard_normal(parent.shape)
+        found = evaluate(scene, Feedback(scene, law.at(child)), episodes=episodes)
         better = found.episode_costs < costs
-        parent, costs = np.where(better, child, parent), np.minimum(found.episode_costs, costs)
+        parent = np.where(better[:, None], child, parent)
+        costs = np.minimum(found.episode_costs, costs)
         applied[:, better] = found.applied[:, better]
         spread = np.clip(spread * np.where(better, 1.5, 0.9), LEAST, AROUND[-1])
     return applied
