@@ -119,6 +119,13 @@ def _of_run(run: Run, *, trust: bool) -> Exported:
         return Exported(policy, Interface.of_scene(scene), comment)
     if parts.base is None:
         return Exported(policy, Interface.of_scene(scene))
+    if parts.scheduled is not None:
+        return Exported(
+            policy,
+            comment=f"Its outputs set {', '.join(parts.scheduled.free)} of the controller {name}, "
+            f"which is not in it, by {parts.authority} of their spreads; its inputs are the "
+            "controller's situation (agents.controllers.adjustable).",
+        )
     gains = linear_base(parts.base, scene)
     if gains is None:
         k = policy.sizes[-1]

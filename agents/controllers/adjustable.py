@@ -1,12 +1,15 @@
-"""Laws whose free numbers may change in every control step."""
+"""Laws whose free numbers may change in every control step, and a policy that sets them."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
 from copy import copy
 from typing import Any, Self
 
-from agents.control.controller import Law, Memory
+import numpy as np
+
+from agents.control.controller import Acted, Law, Memory, joined, part
 from agents.controllers.registry import Free
+from agents.policies import Policy
 from mm_gym.arrays import Array
 
 
@@ -39,3 +42,28 @@ class Adjustable(Law):
     @abstractmethod
     def situation(self, memory: Memory, state: Array) -> Array:
         """Return what its best numbers may depend on (lanes, inputs), of order one [-]."""
+
+
+class Scheduled(Law):
+    """A law whose free numbers a policy sets in each control step: gain scheduling, learned.
+
+    The policy reads the law's situation. Its action of 1 moves a number by `authority` times the
+    spread of a search's first trials. Rugh and Shamma, *Research on gain scheduling*, Automatica 36
+    (2000).
+    """
+
+    def __init__(self, law: Adjustable, policy: Policy, authority: float, name: str) -> None:
+        policy.check(law.inputs, len(law.free))
+        self.law, self.policy, self.authority, self.name = law, policy, authority, name
+
+    def begin(self, lanes: int) -> Memory:
+        return joined(law=self.law.begin(lanes), policy={"memory": self.policy.begin(lanes)})
+
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
+        own, known = part(memory, "law"), part(memory, "policy")["memory"]
+        seen = self.law.situation(own, state).astype(np.float32)
+        coordinates, after = self.policy.step(seen, known)
+        action, own = self.law.at(self.authority * coordinates.astype(np.float64)).action(
+            own, state, applied
+        )
+        return action, joined(law=own, policy={"memory": after})

@@ -17,8 +17,6 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from agents.control.controller import Controller
-from agents.controllers.learned import Residual
 from agents.controllers.searched import cma_strategy
 from agents.evolution.network_kernel import forward
 from agents.network.files import Arrays
@@ -34,7 +32,7 @@ from agents.scoring import (
 )
 from agents.training.config import Count, Positive, SearchSettings, training_seeds
 from agents.training.network import Network
-from agents.training.parts import base_controller
+from agents.training.parts import Parts, make_parts
 from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.search import Search
@@ -67,8 +65,11 @@ class EvolveSettings(SearchSettings):
     base: str | None = None
     """controller that the network is added to, a name or "FILE.py:NAME", with its own memory; it
     observes the controller's action too and begins without influence, whatever `--law` says"""
+    schedules: bool = False
+    """let the network set the free numbers of the base in each control step, and add nothing"""
     authority: Annotated[float, Field(gt=0, le=2)] = 1.0
-    """largest action that it adds to the base's, which ranges from -1 to 1"""
+    """largest action that it adds to the base's, which ranges from -1 to 1; of a schedule, largest
+    change of a number over the spread of a search's first trials"""
 
     growing: ClassVar[tuple[str, ...]] = ("generations", "time_budget")
     own_code: ClassVar[tuple[str, ...]] = ("base", "reward")
@@ -79,7 +80,7 @@ LANES = 384
 
 
 class Trial(NamedTuple):
-    """What decides a candidate's cost: the scene, its networks, their episodes, and their base.
+    """What decides a candidate's cost: the scene, its networks, their episodes, and a base.
 
     A candidate's episodes are lanes side by side; its cost is the mean of those that cost most, the
     worst share of them.
@@ -89,8 +90,7 @@ class Trial(NamedTuple):
     network: Network
     episodes: int
     worst: float = 1.0
-    base: Controller | None = None
-    authority: float = 1.0
+    around: Parts | None = None  # of a base, that the network is added to or schedules
 
 
 class Population:
@@ -98,7 +98,7 @@ class Population:
 
     def __init__(self, trial: Trial, candidates: int, threads: int) -> None:
         # A base acts in NumPy, in one thread, to which more lanes at a time cost less.
-        most = LANES if trial.base is None else candidates * trial.episodes
+        most = LANES if trial.around is None else candidates * trial.episodes
         self.bounds = [*range(0, candidates, max(1, most // trial.episodes)), candidates]
         self.parts = [Candidates(trial, count) for count in np.diff(self.bounds).tolist()]
         self.episodes = trial.episodes
@@ -123,14 +123,14 @@ class Candidates:
     """Some of the candidates, in one environment."""
 
     def __init__(self, trial: Trial, candidates: int) -> None:
-        scene, network, episodes, self.worst, base, authority = trial
+        scene, network, episodes, self.worst, around = trial
         self.steps, self.limit = scene.control.steps, limit_penalty(scene)
         self.parameters: Single = np.empty((candidates, network.free.size), np.float32)
         lanes, start, (n, _, self.k) = candidates * episodes, network.start, network.sizes
-        if base is None:
+        if around is None:
             self.added, self.env = None, MovingMassVectorEnv(scene, lanes, info="none")
         else:
-            self.added = Residual(base, self, authority)  # pyright: ignore[reportArgumentType] - acts as a policy
+            self.added = around.controller(self)  # pyright: ignore[reportArgumentType] - acts as a policy
             self.env = MovingMassVectorEnv(scene, lanes, autoreset_mode="Disabled")
         (known, acting), (r, _, _) = (start.keep.shape[0], start.back.shape[1]), start.pairs.shape
         self.sums: Single = np.empty((2 * r + known + acting, lanes), np.float32)
@@ -236,21 +236,22 @@ class Evolution(Search):
         self.settings: EvolveSettings = settings
         generator = np.random.default_rng(settings.seed)
         odd, own = scene.actuation.names == ("force",), settings.scene is not None
-        base, scales = None, None
-        if settings.base is None:
-            start = start_of(scene, settings, generator)
+        around, scales = make_parts(settings), None
+        base, law = around.base, around.scheduled
+        if base is None:
+            around, start = None, start_of(scene, settings, generator)
             self.began_as = IN_WORDS[start.law]
             scales = Scales.measured(scene, start) if own else None
         else:
-            base = base_controller(scene, settings.base)
-            start, self.began_as = added_to(scene, settings, generator), base.name
-            scales = Scales.around(scene, base, start) if own else None
+            start, self.began_as = added_to(scene, settings, generator, law), base.name
+            scales = Scales.around(scene, base, start) if own and law is None else None
+            odd = odd and law is None  # the mirrored motion gets the same numbers
         self.network = Network(start, settings.hidden, odd, scales)
         self.first, self.generator = self.network.first(generator), generator
         self.free = self.network.free
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the tolerance is of no use to exact plants
-            acting = settings.worst, base, settings.authority
+            acting = settings.worst, around
             self.populations = [
                 Population(
                     Trial(_coarse(one, settings.tolerance), self.network, count, *acting),

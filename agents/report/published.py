@@ -58,6 +58,7 @@ class Row(BaseModel, strict=True, allow_inf_nan=False):
     # base, authority: the controller that it is added to, if any, and how much it may change
     base: str | None = None
     authority: float = 0.0
+    schedules: bool = False  # whether it sets the controller's numbers instead
     scored: str  # what scored it
 
     @property
@@ -120,6 +121,7 @@ def publish(
             file=name if fits else None,
             base=settings.get("base"),
             authority=settings.get("authority", 0.0),
+            schedules=settings.get("schedules", False),
             scored=f"{cell.median.machine}, commit {cell.median.commit}",
         )
     for name in before - {row.file for row in rows.values()}:
@@ -156,7 +158,7 @@ def controller_of(row: Row, scene: Scene, folder: Path = FOLDER) -> Controller:
     if scene.digest != row.scene_digest:
         msg = f"{file}: made for another scene than {row.task} has now"
         raise PolicyError(msg)
-    acts = {"base": row.base, "authority": row.authority}
+    acts = row.model_dump(include={"base", "authority", "schedules"})
     return recorded_parts(scene, acts, trust=False).controller(load_policy(file))
 
 

@@ -3,8 +3,11 @@
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from agents.control.controller import Controller
+from agents.control.feedback import Feedback
+from agents.controllers.adjustable import Adjustable, Scheduled
 from agents.controllers.learned import Learned, Residual
 from agents.controllers.registry import laws, not_a_law
 from agents.controllers.user_defined import user_defined
@@ -25,12 +28,16 @@ class Parts:
     scene: Scene
     base: Controller | None = None
     authority: float = 0.0
+    scheduled: Adjustable | None = None  # the base's law, if the agent sets its numbers instead
 
     def controller(self, policy: AnyPolicy, name: str = "learned") -> Controller:
-        """Return a policy as a controller, added to the base if there is one."""
+        """Return a policy as a controller, around the base if there is one."""
         if self.base is None:
             return Learned(policy, name)
-        return Residual(self.base, policy, self.authority, name)
+        if self.scheduled is None:
+            return Residual(self.base, policy, self.authority, name)
+        law = Scheduled(self.scheduled, policy, self.authority, name)
+        return Feedback(self.scene, law)
 
 
 def make_parts(settings: RunSettings) -> Parts:
@@ -38,8 +45,7 @@ def make_parts(settings: RunSettings) -> Parts:
 
     Raise `SceneError` if a part cannot be made.
     """
-    base, authority = getattr(settings, "base", None), getattr(settings, "authority", 0.0)
-    return _parts(settings.rewarded_scene(), base, authority)
+    return _parts(settings.rewarded_scene(), settings.model_dump())
 
 
 def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:
@@ -64,7 +70,6 @@ def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool)
     `SceneError` if a part cannot be made.
     """
     base, reward = (settings.get(name) for name in ("base", "reward"))
-    authority = settings.get("authority", 0.0)
     code = [text for text in (base, reward) if isinstance(text, str) and is_path(text)]
     if code and not trust:
         msg = (
@@ -72,7 +77,7 @@ def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool)
             "and report allow it with --trust"
         )
         raise PolicyError(msg)
-    return _parts(rewarded(scene, reward), base, authority)  # pyright: ignore[reportArgumentType] - of the record
+    return _parts(rewarded(scene, reward), settings)  # pyright: ignore[reportArgumentType] - of the record
 
 
 def trained_parts(run: Run, *, trust: bool, asked: OwnReward | None = None) -> Parts:
@@ -135,6 +140,15 @@ def base_controller(scene: Scene, base: str) -> Controller:
         raise SceneError(msg) from error
 
 
-def _parts(scene: Scene, base: str | None, authority: float) -> Parts:
+def _parts(scene: Scene, settings: Mapping[str, Any]) -> Parts:
+    base, schedules = settings.get("base"), settings.get("schedules", False)
     added = None if base is None or base == NO_BASE else base_controller(scene, base)
-    return Parts(scene, added, authority)
+    law = added.law if isinstance(added, Feedback) else None
+    adjustable = law if schedules and isinstance(law, Adjustable) else None
+    if schedules and adjustable is None:
+        msg = (
+            f"schedules: got true with base {base}; allowed with a base whose numbers can change "
+            "in each control step: inertial-drive"
+        )
+        raise SceneError(msg)
+    return Parts(scene, added, settings.get("authority", 0.0), adjustable)

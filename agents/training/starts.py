@@ -14,6 +14,7 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 from agents.control.actuators import Command
 from agents.control.observed_state import ROWS
 from agents.control.scene import plant_of
+from agents.controllers.adjustable import Adjustable
 from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clipped_lqr
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import device_of
@@ -197,10 +198,22 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
     return _with_units(start, extra, generator)
 
 
-def added_to(scene: Scene, settings: SearchSettings, generator: np.random.Generator) -> Start:
-    """Return what adds nothing to a base, whose action is observed after the environment's."""
-    k, shown = len(scene.actuation.names), Shown(scene).count
-    nothing = np.empty((0, 2, shown + k)), np.empty((0, 4)), np.zeros((k, 1 + shown + k))
+def added_to(
+    scene: Scene,
+    settings: SearchSettings,
+    generator: np.random.Generator,
+    scheduled: Adjustable | None = None,
+) -> Start:
+    """Return what changes nothing of a base.
+
+    It observes what the environment shows and the base's action; what sets the numbers of a law
+    observes the law's situation.
+    """
+    k = len(scene.actuation.names)
+    seen = Shown(scene).count + k
+    if scheduled is not None:
+        k, seen = len(scheduled.free), scheduled.inputs
+    nothing = np.empty((0, 2, seen)), np.empty((0, 4)), np.zeros((k, 1 + seen))
     return _with_units(Start(*nothing, np.empty(0)), settings.extra, generator)
 
 

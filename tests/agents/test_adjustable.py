@@ -3,20 +3,34 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from tasks import TASKS
 
+from agents.commands import export
 from agents.control.feedback import Feedback
+from agents.controllers.adjustable import Scheduled
 from agents.controllers.inertial_drive import INERTIAL_DRIVE, OF_DESIGN
 from agents.controllers.predictive_control import (
     ROLLOUTS,
     RolloutPredictiveControl,
     predictive_control,
 )
-from agents.scoring import VALIDATION_SEED, evaluate
+from agents.evolution.search import Evolution, EvolveSettings, evolve
+from agents.policies import network
+from agents.scoring import VALIDATION_SEED, evaluate, validation_cost
+from agents.training.parts import agent_of, make_parts, recorded_parts
+from agents.training.runs import Run
+from mm_gym import SceneError
 
 SCENE = TASKS["mm_gym/CarriageForceFriction-v0"]
 LAW = INERTIAL_DRIVE.best(SCENE).law
 SHORT = SCENE.replace(**{"control.steps": 60})
+
+
+def settings(**fields):
+    given = {"base": "inertial-drive", "schedules": True, "name": "tiny"} | fields
+    small = {"candidates": 6, "episodes": 4, "generations": 3, "hidden": 2}
+    return EvolveSettings(task="mm_gym/CarriageForceFriction-v0", **small | given)
 
 
 def test_each_lane_acts_as_the_design_with_its_numbers():
@@ -68,3 +82,56 @@ def test_rollouts_that_try_nothing_else_are_the_law():
     both = RolloutPredictiveControl(SHORT, LAW, still), LAW
     planned, of_law = (evaluate(SHORT, Feedback(SHORT, law), episodes=4) for law in both)
     np.testing.assert_allclose(planned.penalties, of_law.penalties, rtol=1e-6)
+
+
+def constant(actions):
+    """Return a policy that always gives these actions (d,)."""
+    d = len(actions)
+    weights = np.zeros((1, LAW.inputs)), np.zeros((d, 1))
+    return network(weights, (np.zeros(1), actions), "tanh", -np.ones(d), np.ones(d))
+
+
+def test_schedule_of_one_action_is_the_design_with_these_numbers():
+    actions = np.linspace(-0.8, 0.8, len(LAW.free))
+    law = Scheduled(LAW, constant(np.float32(actions)), 1.5, "schedule")
+    moved = LAW.at(np.tile(1.5 * np.float32(actions).astype(np.float64), (4, 1)))
+    both = (evaluate(SHORT, Feedback(SHORT, one), episodes=4).penalties for one in (law, moved))
+    np.testing.assert_allclose(*both, rtol=1e-9)
+
+
+def test_schedule_begins_as_its_base_and_costs_in_a_search_what_it_costs_in_an_evaluation():
+    search = Evolution(settings(), SCENE)
+    search.close()
+    parts = make_parts(search.settings)
+    assert search.began_as == "inertial drive"
+    assert search._cost({"vector": search.first}) == pytest.approx(
+        validation_cost(SCENE, parts.base), rel=1e-12
+    )
+    moved = search.first + 0.02 * np.random.default_rng(0).standard_normal(search.first.shape)
+    learned = parts.controller(search._policy({"vector": moved}))
+    # The kernel acts in single precision, and the drive switches.
+    assert search._cost({"vector": moved}) == pytest.approx(
+        validation_cost(SCENE, learned), rel=1e-3
+    )
+
+
+def test_run_of_a_schedule_is_scored_as_it_was_validated_and_says_what_an_export_lacks(
+    tmp_path, monkeypatch, capsys
+):
+    run = Run("tiny", tmp_path)
+    evolve(settings(), run, bar=False)
+    parts = recorded_parts(run.scene(), run.read()["settings"], trust=False)
+    agent = agent_of(run, parts)
+    assert isinstance(agent, Feedback)
+    assert isinstance(agent.law, Scheduled)
+    assert validation_cost(SCENE, agent) <= validation_cost(SCENE, parts.base)
+    words = ["export", str(run.folder), "--out", str(tmp_path / "out.safetensors")]
+    monkeypatch.setattr("sys.argv", words)
+    assert export.main() is None
+    assert "outputs set band, hysteresis, reach" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("base", [None, "lqr", "none"])
+def test_base_without_such_numbers_is_refused_by_name(base):
+    with pytest.raises(SceneError, match=r"schedules: got true with base .*: inertial-drive"):
+        Evolution(settings(base=base), SCENE)

@@ -24,7 +24,7 @@ from agents.training.best import Best
 from agents.training.config import training_seeds
 from agents.training.ending import read_ending
 from agents.training.network import Network
-from agents.training.parts import agent_of, base_controller, make_parts, recorded_parts
+from agents.training.parts import Parts, agent_of, base_controller, make_parts, recorded_parts
 from agents.training.runs import Run, RunError
 from agents.training.scales import Scales, size_of_actions
 from agents.training.starts import Start, added_to, start_of
@@ -327,7 +327,8 @@ class TestBases:
         controller = base_controller(scene, base)
         network = Network(added_to(scene, EvolveSettings(), rng), 4, odd=False)
         vectors = network.first(rng) + spread * rng.standard_normal((5, network.free.size))
-        population = Population(Trial(scene, network, 6, 0.5, controller, 0.7), 5, 2)
+        around = Parts(scene, controller, 0.7)
+        population = Population(Trial(scene, network, 6, 0.5, around), 5, 2)
         for _ in range(2):  # what one generation leaves must not change the next
             costs = population.costs(vectors, range(VALIDATION_SEED, VALIDATION_SEED + 6))
         population.close()
