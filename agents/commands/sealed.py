@@ -16,7 +16,15 @@ import tyro
 
 from agents.errors import command
 from agents.evaluation.contestants import agents_of, tasks_called
-from agents.evaluation.sealed import AGENT, EPISODES, FILE, Seal, fixed_and_classical, read_sealed
+from agents.evaluation.sealed import (
+    AGENT,
+    EPISODES,
+    FILE,
+    Seal,
+    fixed_and_classical,
+    mark_again,
+    read_sealed,
+)
 from agents.report.score_pages import SEALED, sealed_page
 from mm_gym import SceneError, load_scene
 from mm_gym.files import write_text
@@ -83,7 +91,10 @@ def main(arguments: Arguments) -> None:
         done[task] = seal.summary()
     if arguments.episodes == EPISODES:
         known = read_sealed(FILE)
-        tasks = (known["tasks"] if known["release"] == release else {}) | done
+        tasks = known["tasks"] if known["release"] == release else {}
+        for task in done.keys() & tasks.keys():
+            mark_again(done[task]["rows"], tasks[task]["rows"])
+        tasks = tasks | done
         data = {"release": release, "tasks": {task: tasks[task] for task in ids() if task in tasks}}
         write_text(FILE, json.dumps(data, indent=1) + "\n")
         write_text(SEALED, sealed_page(data))

@@ -86,6 +86,17 @@ def read_sealed(file: Path = FILE) -> dict[str, Any]:
     return json.loads(read_text(file)) if file.exists() else {"release": "", "tasks": {}}
 
 
+def mark_again(rows: Sequence[Row], known: Sequence[Row]) -> None:
+    """Mark rows of a task, where others of this release are known, that are not among these.
+
+    Such a controller was changed or added after the task had been scored; marks are kept.
+    """
+    scored = {(row["controller"], row["cost"]): row.get("again", False) for row in known}
+    for row in rows:
+        if scored.get((row["controller"], row["cost"]), True):
+            row["again"] = True
+
+
 class Seal:
     """The penalties on a task's sealed episodes, in a file that is written after each controller.
 

@@ -10,7 +10,15 @@ from agents.commands import sealed as command
 from agents.controllers.constant import ConstantAction
 from agents.evaluation import sealed
 from agents.evaluation.aggregates import shared_episodes
-from agents.evaluation.sealed import AGENT, SEALED, Scored, Seal, first_seed, read_sealed
+from agents.evaluation.sealed import (
+    AGENT,
+    SEALED,
+    Scored,
+    Seal,
+    first_seed,
+    mark_again,
+    read_sealed,
+)
 from agents.report.score_pages import SEALED as SEALED_PAGE
 from agents.report.score_pages import sealed_page as page
 from agents.scoring import evaluate
@@ -41,6 +49,18 @@ def test_penalties_are_those_of_the_sealed_episodes_and_come_back_from_the_file(
     np.testing.assert_array_equal(found.penalties, [expected])
     other = evaluate(SCENE, ConstantAction(SCENE), episodes=5).penalties
     assert not np.isin(expected, other).any()
+
+
+def test_what_was_changed_or_added_after_the_first_scores_is_marked():
+    known = [
+        {"controller": "lqr", "cost": 0.1},
+        {"controller": "drive", "cost": 0.2, "again": True},
+        {"controller": "evolution", "cost": 0.3},
+    ]
+    costs = {"lqr": 0.1, "drive": 0.2, "evolution": 0.29, "new": 0.4}
+    rows = [{"controller": name, "cost": cost} for name, cost in costs.items()]
+    mark_again(rows, known)
+    assert [row["controller"] for row in rows if row.get("again")] == ["drive", "evolution", "new"]
 
 
 @pytest.mark.parametrize("change", [{"episodes": 6}, {"release": "0.2.0"}])
