@@ -1,6 +1,7 @@
 """The headroom of a task: fixed, classical and clairvoyant control on the same hundred episodes."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,11 @@ from agents.control.feedback import Feedback
 from agents.controllers.adjustable import Adjustable
 from agents.controllers.constant import ConstantAction, best_constant, held, no_control
 from agents.controllers.noise import RandomActions
-from agents.controllers.predictive_control import predictive_control
+from agents.controllers.predictive_control import (
+    ROLLOUTS,
+    RolloutPredictiveControl,
+    predictive_control,
+)
 from agents.controllers.registry import Tunable, entries
 from agents.controllers.tuned import (
     best_law,
@@ -40,8 +45,8 @@ VARIED, BEST, AROUND = 150, 3, (0.2, 0.5, 1.0)
 """Designs with other numbers that are tried as starts of plans, those of which an episode keeps so
 many, and the spreads of the numbers over those of a search's first trials."""
 
-CHILDREN, LEAST = 300, 0.05
-"""Designs tried where each episode has numbers of its own, and their least spread."""
+THOROUGH = [replace(ROLLOUTS, horizon=steps, plans=128, rounds=3) for steps in (60, 100, 150)]
+"""Searches of the numbers of a law that can change in each control step."""
 
 LEARNED = "learned"  # role of a trained agent, which `python -m agents ranking` adds
 KEPT = "the plan kept"  # name of a start from an earlier search
@@ -95,9 +100,10 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, A
         if entry.tunable is None or entry.refuses(scene) is not None:
             continue
         for law in _adjustable(scene, entry.tunable):
-            for k in range(BEST):
-                name = f"{entry.name} with numbers of each episode {k + 1}"
-                starts[name] = adapted(scene, law, generator, episodes)
+            for search in THOROUGH:
+                one = Feedback(scene, RolloutPredictiveControl(scene, law, search))
+                name = f"{entry.name} with numbers of each step, {search.horizon} steps ahead"
+                starts[name] = evaluate(scene, one, episodes=episodes).applied
         costs = np.full((BEST, episodes), np.inf)
         applied = np.zeros((BEST, scene.control.steps, episodes, len(scene.actuation.names)))
         for k in range(VARIED):
@@ -116,32 +122,11 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, A
 
 
 def _adjustable(scene: Scene, tunable: Tunable) -> list[Adjustable]:
-    """Return the law with its best numbers, if these can differ between episodes."""
+    """Return the law with its best numbers, if these can change in each control step."""
     found, _ = designed(scene, {tunable.name: tunable.best})
     return [
         one.law for one in found if isinstance(one, Feedback) and isinstance(one.law, Adjustable)
     ]
-
-
-def adapted(scene: Scene, law: Adjustable, generator: np.random.Generator, episodes: int) -> Array:
-    """Return what a law applied (steps, episodes, k) with the best numbers of each episode.
-
-    Each episode has a search of its own: an evolution strategy of one parent and one child. Its
-    spread grows by a half after a success and shrinks by a tenth after a failure: it is steady at
-    a fifth of successes (Rechenberg 1973).
-    """
-    parent, spread = np.zeros((episodes, len(law.free))), np.full(episodes, AROUND[1])
-    best = evaluate(scene, Feedback(scene, law), episodes=episodes)
-    costs, applied = best.episode_costs, best.applied.copy()
-    for _ in range(CHILDREN):
-        child = parent + spread[:, None] * generator.standard_normal(parent.shape)
-        found = evaluate(scene, Feedback(scene, law.at(child)), episodes=episodes)
-        better = found.episode_costs < costs
-        parent = np.where(better[:, None], child, parent)
-        costs = np.minimum(found.episode_costs, costs)
-        applied[:, better] = found.applied[:, better]
-        spread = np.clip(spread * np.where(better, 1.5, 0.9), LEAST, AROUND[-1])
-    return applied
 
 
 def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:

@@ -12,6 +12,7 @@ from agents.commands import headroom as command
 from agents.control.feedback import Feedback
 from agents.controllers.constant import ConstantAction, held
 from agents.controllers.inertial_drive import INERTIAL_DRIVE
+from agents.controllers.predictive_control import ROLLOUTS
 from agents.evaluation.headroom import (
     BEST,
     EPISODES,
@@ -154,9 +155,10 @@ def test_random_changes_keep_off_ends_and_say_what_is_applied() -> None:
 def test_plans_also_start_from_controllers_with_other_numbers(monkeypatch) -> None:
     scene = TASKS["mm_gym/CarriageForceFriction-v0"]
     monkeypatch.setattr("agents.evaluation.headroom.VARIED", 6)
-    monkeypatch.setattr("agents.evaluation.headroom.CHILDREN", 8)
+    few = [replace(ROLLOUTS, horizon=steps, plans=8, rounds=1) for steps in (2, 4, 6)]
+    monkeypatch.setattr("agents.evaluation.headroom.THOROUGH", few)
     starts = varied(scene, episodes=4)
-    assert len(starts) == 2 * BEST
+    assert len(starts) == len(few) + BEST
     tuned = evaluate(scene, INERTIAL_DRIVE.best(scene), episodes=4).applied
     for applied in starts.values():
         assert applied.shape == tuned.shape
