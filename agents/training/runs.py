@@ -67,6 +67,7 @@ class RecordedSettings(BaseModel, extra="allow", strict=True, allow_inf_nan=Fals
     base: str | None = None
     reward: str | None = None
     authority: Annotated[float, Field(gt=0, le=2)] = 0.5
+    schedules: bool = False
 
 
 class Record(BaseModel, extra="allow", strict=True, allow_inf_nan=False):

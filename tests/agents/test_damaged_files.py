@@ -533,6 +533,8 @@ RECORDS = {
     "no task": lambda record: record["settings"].pop("task"),
     "task that is a number": lambda record: record["settings"].update(task=3),
     "base that is a list": lambda record: record["settings"].update(base=[1]),
+    "schedules of text": lambda record: record["settings"].update(schedules="yes"),
+    "schedules of the numbers of an LQR": lambda record: record["settings"].update(schedules=True),
     "authority of text": lambda record: record["settings"].update(authority="1"),
     "no scene": lambda record: record.pop("scene"),
     "scene of nothing": lambda record: record.update(scene=None),
