@@ -120,11 +120,12 @@ def _of_run(run: Run, *, trust: bool) -> Exported:
     if parts.base is None:
         return Exported(policy, Interface.of_scene(scene))
     if parts.scheduled is not None:
+        parts.controller(policy)  # refuses one that is not of its size
         return Exported(
             policy,
-            comment=f"Its outputs set {', '.join(parts.scheduled.free)} of the controller {name}, "
-            f"which is not in it, by {parts.authority} of their spreads; its inputs are the "
-            "controller's situation (agents.controllers.adjustable).",
+            comment=f"Its actions set numbers of the controller {name}, which is not in it: "
+            f"{parts.scheduled.told(parts.authority)}. It reads the controller's situation "
+            f"({type(parts.scheduled).__name__}.situation).",
         )
     gains = linear_base(parts.base, scene)
     if gains is None:

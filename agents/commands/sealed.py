@@ -88,7 +88,7 @@ def main(arguments: Arguments) -> None:
                 seal.score(name, role, controllers)
                 spent = time.perf_counter() - began
                 print(f"{task}: {name}: {seal.scored[name].cost:.4f}, in {spent:.0f} s")
-        done[task] = seal.summary()
+        done[task] = seal.summary({name for name, *_ in others})
     if arguments.episodes == EPISODES:
         known = read_sealed(FILE)
         tasks = known["tasks"] if known["release"] == release else {}

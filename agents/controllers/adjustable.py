@@ -7,7 +7,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from agents.control.controller import Acted, Law, Memory, joined, part
+from agents.control.controller import Acted, Controller, Law, Memory, joined, part
+from agents.control.feedback import Feedback
 from agents.controllers.registry import Free
 from agents.policies import Policy
 from mm_gym.arrays import Array
@@ -31,6 +32,16 @@ class Adjustable(Law):
     def __init__(self, free: Mapping[str, Free], numbers: Mapping[str, Any]) -> None:
         self.free, self.numbers = dict(free), dict(numbers)
 
+    def told(self, authority: float) -> str:
+        """Return in words what actions of a schedule, each from -1 to 1, make of the numbers."""
+        numbers = {name: float(np.ravel(self.numbers[name])[0]) for name in self.free}
+        return "; ".join(
+            f"{name} = {numbers[name]:.6g} {'* exp(' if one.ratio else '+ '}"
+            f"{authority * one.spread:.6g} * action{')' if one.ratio else ''}, "
+            f"within [{one.low:g}, {one.high:g}]"
+            for name, one in self.free.items()
+        )
+
     def at(self, coordinates: Array) -> Self:
         """Return the law at coordinates (lanes, d) of a search that begins at its own numbers."""
         law, pairs = copy(self), zip(self.free.items(), coordinates.T, strict=True)
@@ -44,16 +55,22 @@ class Adjustable(Law):
         """Return what its best numbers may depend on (lanes, inputs), of order one [-]."""
 
 
+def adjustable(controller: Controller | None) -> Adjustable | None:
+    """Return the law of a controller, if its numbers may change in each control step."""
+    law = controller.law if isinstance(controller, Feedback) else None
+    return law if isinstance(law, Adjustable) else None
+
+
 class Scheduled(Law):
     """A law whose free numbers a policy sets in each control step: gain scheduling, learned.
 
-    The policy reads the law's situation. Its action of 1 moves a number by `authority` times the
-    spread of a search's first trials. Rugh and Shamma, *Research on gain scheduling*, Automatica 36
-    (2000).
+    The policy reads the law's situation. Its action of 1 moves a number, or the logarithm of a
+    ratio, by `authority` times the spread of a search's first trials. Rugh and Shamma, *Research on
+    gain scheduling*, Automatica 36 (2000).
     """
 
     def __init__(self, law: Adjustable, policy: Policy, authority: float, name: str) -> None:
-        policy.check(law.inputs, len(law.free))
+        policy.check(law.inputs, len(law.free), f"a schedule of the {law.name}")
         self.law, self.policy, self.authority, self.name = law, policy, authority, name
 
     def begin(self, lanes: int) -> Memory:

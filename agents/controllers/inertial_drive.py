@@ -70,7 +70,10 @@ class InertialDrive(Adjustable):
         return {"mode": np.full(lanes, HOLD), "side": np.zeros(lanes)}
 
     def situation(self, memory: Memory, state: Array) -> Array:
-        """Return x1, the rest's distance, v1 and v2 towards the sphere's side, and the mode."""
+        """Return x1, the rest's distance, v1 and v2 towards a side, and the last step's mode.
+
+        The side is that of the last drive, and before any that of the sphere.
+        """
         x1, x2, v1, v2 = state.T
         rest = x2 - x1 + self.momentum * v2
         side = np.where(memory["side"] == 0.0, np.sign(rest), memory["side"])

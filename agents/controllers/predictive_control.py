@@ -138,7 +138,7 @@ class PredictiveControl(Law):
             plans = mean[:, :, None] + spread[:, :, None] * drawn
             plans[:, :, : kept.shape[2]] = kept
             np.clip(plans, -self.most, self.most, out=plans)
-            order = np.argsort(-self._worth(plans, now), axis=1)[:, : search.elite]
+            order = np.argsort(-self._worth(plans, now), axis=1, kind="stable")[:, : search.elite]
             elite = plans[:, rows, order]
             kept, mean = elite[:, :, : search.kept], elite.mean(axis=2)
             spread = np.maximum(elite.std(axis=2), search.least_spread)
@@ -174,8 +174,8 @@ class PredictiveControl(Law):
     def _rewards(self, now: Now, act: Callable[[int, Array, Array], Array]) -> Array:
         """Return the sums of rewards (lanes, plans) of what acts in so many copies of each lane."""
         count = self.search.plans
-        copied = (np.repeat(value, count, axis=0) for value in now[:4])
-        state, own, applied, asked = copied
+        begun = now.state, now.own, now.applied, now.asked
+        state, own, applied, asked = (np.repeat(value, count, axis=0) for value in begun)
         self.model.begin(state, own)
         total, beyond = np.zeros(len(state)), np.zeros(len(state), np.bool_)
         for step, force in enumerate(np.repeat(now.forces, count, axis=1)):

@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.control.controller import Controller
 from agents.control.feedback import Feedback
-from agents.controllers.adjustable import Adjustable
+from agents.controllers.adjustable import adjustable
 from agents.controllers.constant import ConstantAction, best_constant, held, no_control
 from agents.controllers.noise import RandomActions
 from agents.controllers.predictive_control import (
@@ -16,7 +16,7 @@ from agents.controllers.predictive_control import (
     RolloutPredictiveControl,
     predictive_control,
 )
-from agents.controllers.registry import Tunable, entries
+from agents.controllers.registry import entries
 from agents.controllers.tuned import (
     best_law,
     classical_laws,
@@ -92,14 +92,16 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, A
     """Return what controllers with other numbers did, as starts of plans: the best of each episode.
 
     Numbers that suit all episodes suit none best. Those of `VARIED` designs of each controller that
-    has free numbers are drawn around the best ones. It is (steps, episodes, k), by name, of the
-    `BEST` designs of each episode.
+    has free numbers are drawn around the best ones, and numbers that can change in each control
+    step are searched there. It is (steps, episodes, k), by name, of the `BEST` designs of each
+    episode and of these searches.
     """
     generator, starts = np.random.default_rng(seed), {}
     for entry in entries(scene):
         if entry.tunable is None or entry.refuses(scene) is not None:
             continue
-        for law in _adjustable(scene, entry.tunable):
+        found, _ = designed(scene, {entry.name: entry.make})
+        if (law := adjustable(next(iter(found), None))) is not None:
             for search in THOROUGH:
                 one = Feedback(scene, RolloutPredictiveControl(scene, law, search))
                 name = f"{entry.name} with numbers of each step, {search.horizon} steps ahead"
@@ -119,14 +121,6 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, A
         for k in np.flatnonzero(np.isfinite(costs).all(axis=1)):
             starts[f"{entry.name} with other numbers {k + 1}"] = applied[k]
     return starts
-
-
-def _adjustable(scene: Scene, tunable: Tunable) -> list[Adjustable]:
-    """Return the law with its best numbers, if these can change in each control step."""
-    found, _ = designed(scene, {tunable.name: tunable.best})
-    return [
-        one.law for one in found if isinstance(one, Feedback) and isinstance(one.law, Adjustable)
-    ]
 
 
 def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:

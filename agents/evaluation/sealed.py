@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,9 +87,9 @@ def read_sealed(file: Path = FILE) -> dict[str, Any]:
 
 
 def mark_again(rows: Sequence[Row], known: Sequence[Row]) -> None:
-    """Mark rows of a task, where others of this release are known, that are not among these.
+    """Mark the rows of a task that its earlier scores of this release lack; marks are kept.
 
-    Such a controller was changed or added after the task had been scored; marks are kept.
+    Such a controller was changed or added after the task had been scored.
     """
     scored = {(row["controller"], row["cost"]): row.get("again", False) for row in known}
     for row in rows:
@@ -140,15 +140,17 @@ class Seal:
         found = (one for one in self.scored.values() if one.role in roles)
         return sorted(found, key=lambda one: one.cost)
 
-    def summary(self) -> Row:
+    def summary(self, controllers: Container[str]) -> Row:
         """Return the rows, least cost first, and how agents compare with the best of the others.
 
-        Both are the best on these very episodes, the agent and the controller alike.
+        Both are the best on these very episodes, the agent and the controller alike. The rows are
+        of these controllers and all agents: what an earlier version had is not told.
         """
-        rows = [one.row() for one in self.of(*{one.role for one in self.scored.values()})]
-        compared = [
-            agent.over(other) for agent in self.of(AGENT)[:1] for other in self.of(*CLASSICAL)[:1]
-        ]
+        roles = {one.role for one in self.scored.values()}
+        found = [one for one in self.of(*roles) if one.role == AGENT or one.name in controllers]
+        rows, agents = [one.row() for one in found], [one for one in found if one.role == AGENT]
+        others = [one for one in found if one.role in CLASSICAL]
+        compared = [agent.over(other) for agent in agents[:1] for other in others[:1]]
         return {"scene_digest": self.scene.digest, "rows": rows, "compared": compared}
 
 

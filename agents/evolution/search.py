@@ -17,6 +17,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from agents.controllers.registry import not_a_law
 from agents.controllers.searched import cma_strategy
 from agents.evolution.network_kernel import forward
 from agents.network.files import Arrays
@@ -68,11 +69,16 @@ class EvolveSettings(SearchSettings):
     schedules: bool = False
     """let the network set the free numbers of the base in each control step, and add nothing"""
     authority: Annotated[float, Field(gt=0, le=2)] = 1.0
-    """largest action that it adds to the base's, which ranges from -1 to 1; of a schedule, largest
-    change of a number over the spread of a search's first trials"""
+    """largest action that it adds to the base's, which ranges from -1 to 1; a schedule changes a
+    number, or the logarithm of a ratio, by up to so many spreads of a search's first trials"""
 
     growing: ClassVar[tuple[str, ...]] = ("generations", "time_budget")
     own_code: ClassVar[tuple[str, ...]] = ("base", "reward")
+
+    @property
+    def unasked(self) -> tuple[str, ...]:
+        """Settings that are not written, as `SearchSettings.unasked`."""
+        return super().unasked + (() if self.schedules else ("schedules",))
 
 
 LANES = 384
@@ -171,7 +177,7 @@ class Candidates:
         penalties = left * largest - episodes.returns
         return tail_mean(penalties.reshape(count, -1), self.worst) / steps
 
-    def check(self, observation: int, action: int) -> None:
+    def check(self, observation: int, action: int, of: str = "") -> None:
         """Take what the environment has: the networks were made for it."""
 
     def begin(self, lanes: int) -> Array:
@@ -238,6 +244,8 @@ class Evolution(Search):
         odd, own = scene.actuation.names == ("force",), settings.scene is not None
         around, scales = make_parts(settings), None
         base, law = around.base, around.scheduled
+        if base is None and settings.base is not None:
+            raise not_a_law(settings.base, scene, "base", "or FILE.py:NAME")
         if base is None:
             around, start = None, start_of(scene, settings, generator)
             self.began_as = IN_WORDS[start.law]

@@ -73,13 +73,13 @@ class Policy:
         """Return the first layer of a kind."""
         return next((layer for layer in every(self.layers) if isinstance(layer, kind)), None)
 
-    def check(self, observation: int, action: int) -> None:
+    def check(self, observation: int, action: int, of: str = "the scene") -> None:
         """Raise `PolicyError` unless observation and action have so many numbers."""
         if (self.observed, self.actions) != (observation, action):
             msg = (
                 f"policy: got {counted(self.observed, 'observed number')} and "
                 f"{counted(self.actions, 'action')}; "
-                f"the scene has {observation} and {action}"
+                f"{of} has {observation} and {action}"
             )
             raise PolicyError(msg)
 

@@ -55,7 +55,7 @@ class Row(BaseModel, strict=True, allow_inf_nan=False):
     size: int  # of its file [bytes]
     # Its name in the folder, or None for a policy that is too large.
     file: Annotated[str, Field(pattern=r"^[\w-]+\.(safetensors|npz)$")] | None = None
-    # base, authority: the controller that it is added to, if any, and how much it may change
+    # base, authority: the controller that it is around, if any, and how much it may change
     base: str | None = None
     authority: float = 0.0
     schedules: bool = False  # whether it sets the controller's numbers instead
@@ -141,7 +141,7 @@ def read_published(folder: Path = FOLDER) -> Published:
 def published_agents(
     tasks: Container[str], published: Published
 ) -> Iterator[tuple[str, Controller]]:
-    """Yield the published policies of some tasks, each with its task, and added to its base."""
+    """Yield the published policies of some tasks, each with its task, and around its base."""
     for row in published.rows:
         if row.task in tasks and row.file is not None:
             agent = controller_of(row, load_scene(row.task))

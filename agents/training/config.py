@@ -259,10 +259,13 @@ class SearchSettings(TimedSettings):
 
     @model_serializer(mode="wrap")
     def _without_what_is_not_asked_for(self, written: SerializerFunctionWrapHandler) -> Any:  # noqa: ANN401 - what pydantic makes
-        data = written(self)
-        if self.also is None:  # what was written before there was another scene goes on
-            data = {name: one for name, one in data.items() if name not in ("also", "share")}
-        return data
+        unasked = self.unasked
+        return {name: one for name, one in written(self).items() if name not in unasked}
+
+    @property
+    def unasked(self) -> tuple[str, ...]:
+        """Settings that are not written: runs and results of before there were any go on."""
+        return ("also", "share") if self.also is None else ()
 
     def code(self) -> dict[str, str]:
         """Return the texts of the user's files by path, and the digest of the other scene."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from agents.control.controller import Controller
 from agents.control.feedback import Feedback
-from agents.controllers.adjustable import Adjustable, Scheduled
+from agents.controllers.adjustable import Adjustable, Scheduled, adjustable
 from agents.controllers.learned import Learned, Residual
 from agents.controllers.registry import laws, not_a_law
 from agents.controllers.user_defined import user_defined
@@ -16,6 +16,7 @@ from agents.training.config import RunSettings
 from agents.training.ending import read_ending
 from agents.training.runs import Run, RunError
 from mm_gym import DesignError, OwnReward, Scene, SceneError, rewarded
+from mm_gym.errors import refuse
 from mm_gym.user_code import is_path, source, split
 
 NO_BASE = "none"  # what asks for an agent that is added to no controller
@@ -23,7 +24,7 @@ NO_BASE = "none"  # what asks for an agent that is added to no controller
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The scene with the run's own reward, if any, and the controller that the agent adds to."""
+    """The scene with the run's own reward, if any, and the controller that the agent is around."""
 
     scene: Scene
     base: Controller | None = None
@@ -36,8 +37,9 @@ class Parts:
             return Learned(policy, name)
         if self.scheduled is None:
             return Residual(self.base, policy, self.authority, name)
+        assert isinstance(self.base, Feedback)  # noqa: S101 - of a law
         law = Scheduled(self.scheduled, policy, self.authority, name)
-        return Feedback(self.scene, law)
+        return Feedback(self.scene, law, self.base.source)
 
 
 def make_parts(settings: RunSettings) -> Parts:
@@ -143,12 +145,12 @@ def base_controller(scene: Scene, base: str) -> Controller:
 def _parts(scene: Scene, settings: Mapping[str, Any]) -> Parts:
     base, schedules = settings.get("base"), settings.get("schedules", False)
     added = None if base is None or base == NO_BASE else base_controller(scene, base)
-    law = added.law if isinstance(added, Feedback) else None
-    adjustable = law if schedules and isinstance(law, Adjustable) else None
-    if schedules and adjustable is None:
-        msg = (
-            f"schedules: got true with base {base}; allowed with a base whose numbers can change "
-            "in each control step: inertial-drive"
+    law = adjustable(added) if schedules else None
+    if schedules and law is None:
+        refuse(
+            "schedules",
+            "no base" if added is None else f"base {base!r}",
+            "a controller of this project whose numbers can change in each control step, as those "
+            "of inertial-drive can",
         )
-        raise SceneError(msg)
-    return Parts(scene, added, settings.get("authority", 0.0), adjustable)
+    return Parts(scene, added, settings.get("authority", 0.0), law)

@@ -102,6 +102,19 @@ def test_what_was_scored_is_not_scored_again_and_the_page_stays(pages, monkeypat
     assert [row["cost"] for row in rows] == sorted(row["cost"] for row in rows)
 
 
+def test_controller_that_changes_is_marked_and_one_that_goes_is_not_told(pages, monkeypatch):
+    command.main()
+    other = (("zero", ConstantAction(SCENE)), ("law", ConstantAction(SCENE, 0.2)))
+    monkeypatch.setattr(command, "fixed_and_classical", lambda _: other)
+    command.main()
+    rows = json.loads((pages / "sealed.json").read_text())["tasks"]["mm_gym/CarriageForce-v0"][
+        "rows"
+    ]
+    marks = {row["controller"]: row.get("again", False) for row in rows}
+    assert marks == {other[0][1].name: False, other[1][1].name: True}
+    assert f"{other[1][1].name} on CarriageForce" in (pages / "sealed.md").read_text()
+
+
 def test_broken_run_goes_on_behind_the_last_controller(pages, monkeypatch):
     def broken(_scene, controller, **_):
         if controller.name != "zero action":
