@@ -28,8 +28,8 @@ def best_controller(task):
     )
 
 
-def test_readme_states_five_tasks():
-    assert len(STATED) == 5
+def test_readme_states_four_tasks():
+    assert len(STATED) == 4
 
 
 @pytest.mark.parametrize(("task", "agents", "controllers"), STATED)
@@ -43,20 +43,20 @@ def test_costs_of_the_readme_are_those_of_the_pages(task, agents, controllers):
     assert (cheaper, len(stated.costs)) == ({"all ten": 10, "eight": 8}[seeds[1]], 10)
 
 
-def test_costs_on_the_two_other_tasks_are_those_of_the_pages():
-    (stated,) = re.findall(r"On the two others it costs (0\.\d) % more", WORDS)
+def test_costs_on_the_three_other_tasks_are_those_of_the_pages():
+    (stated,) = re.findall(r"On the three others it costs at most (0\.\d) % more", WORDS)
     named = {task for task, *_ in STATED}
     others = [one for one in on_tasks(read_results()) if one.name not in named]
-    assert len(others) == 2
-    for one in others:
-        assert f"{100.0 * (one.best.cost(one.reference).value - 1.0):.1f}" == stated, one.name
+    assert len(others) == 3
+    most = max(one.best.cost(one.reference).value for one in others)
+    assert f"{100.0 * (most - 1.0):.1f}" == stated
 
 
 def test_tasks_on_sealed_episodes_are_those_of_the_page():
     (stated,) = re.findall(r"On \[sealed episodes\]\S* this holds on (\w+) of them", WORDS)
     found = set(of_sealed(read_sealed())["surely"])
     assert found <= {task for task, *_ in STATED}
-    assert {"four": 4, "five": 5}[stated] == len(found)
+    assert {"three": 3, "four": 4}[stated] == len(found)
 
 
 def test_passive_damper_of_the_readme_is_that_of_the_scores():
