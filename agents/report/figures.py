@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 IN_A_BIN = 10  # episodes that each point of a line stands for
 NARROW = 4.0  # ratio of an axis's ends below which round numbers are better ticks than 1, 2 and 5
+WIDE = 1e4  # and from which powers of ten alone fit
 *BASELINES, LEARNED = COLOURS  # colours: black is the learned controller's, the last of all results
 
 
@@ -95,7 +96,7 @@ def logarithmic(axes: Axes, which: str = "y") -> None:
         axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
         axis.set_minor_locator(NullLocator())
     else:
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < WIDE * low else (1.0,)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
 
