@@ -34,9 +34,8 @@ class Adjustable(Law):
 
     def told(self, authority: float) -> str:
         """Return in words what actions of a schedule, each from -1 to 1, make of the numbers."""
-        numbers = {name: float(np.ravel(self.numbers[name])[0]) for name in self.free}
         return "; ".join(
-            f"{name} = {numbers[name]:.6g} {'* exp(' if one.ratio else '+ '}"
+            f"{name} = {self.numbers[name]:.6g} {'* exp(' if one.ratio else '+ '}"
             f"{authority * one.spread:.6g} * action{')' if one.ratio else ''}, "
             f"within [{one.low:g}, {one.high:g}]"
             for name, one in self.free.items()

@@ -68,6 +68,21 @@ class Now(NamedTuple):
     law: Memory  # of the law
 
 
+class Followed:
+    """What a law does from step to step, and its memories."""
+
+    def __init__(self, law: Law, memory: Memory) -> None:
+        self.law, self.memory = law, memory
+        self.actions: list[Array] = []
+        self.memories: list[Memory] = []
+
+    def __call__(self, _step: int, state: Array, applied: Array) -> Array:
+        action, self.memory = self.law.action(self.memory, state, applied)
+        self.memories.append(self.memory)
+        self.actions.append(np.clip(action, -1.0, 1.0))
+        return self.actions[-1]
+
+
 class PredictiveControl(Law):
     """Try plans over a receding horizon by the cross-entropy method, and begin the best.
 
@@ -155,25 +170,17 @@ class PredictiveControl(Law):
 
     def _plan_of_law(self, now: Now) -> Acted:
         """Return the law's plan, and its memory after the first step."""
-        plan, memories, memory = np.empty((*now.forces.shape, self.columns)), [], now.law
-        state, applied, asked = now.state, now.applied, now.asked
-        self.model.begin(state, now.own)
-        for step, force in enumerate(now.forces):
-            action, memory = self.law.action(memory, state, applied)
-            memories.append(memory)
-            plan[step] = np.clip(action, -1.0, 1.0)
-            applied, asked = self.actuators.reached(plan[step], applied, asked)
-            state = self.model.advance(applied, force)[0]
-        return plan, memories[0]
+        followed = Followed(self.law, now.law)
+        self._rewards(now, followed, 1)
+        return np.array(followed.actions), followed.memories[0]
 
     def _worth(self, plans: Array, now: Now) -> Array:
         """Return the sums of rewards (lanes, plans) of the plans."""
         actions = plans.reshape(len(plans), -1, self.columns)
-        return self._rewards(now, lambda step, _state, _applied: actions[step])
+        return self._rewards(now, lambda step, *_: actions[step], self.search.plans)
 
-    def _rewards(self, now: Now, act: Callable[[int, Array, Array], Array]) -> Array:
-        """Return the sums of rewards (lanes, plans) of what acts in so many copies of each lane."""
-        count = self.search.plans
+    def _rewards(self, now: Now, act: Callable[[int, Array, Array], Array], count: int) -> Array:
+        """Return the sums of rewards (lanes, count) of what acts in so many copies of each lane."""
         begun = now.state, now.own, now.applied, now.asked
         state, own, applied, asked = (np.repeat(value, count, axis=0) for value in begun)
         self.model.begin(state, own)
@@ -210,16 +217,9 @@ class RolloutPredictiveControl(PredictiveControl):
         return np.clip(action, -1.0, 1.0), law, best, noise
 
     def _worth(self, plans: Array, now: Now) -> Array:
-        law = self.law.at(plans.reshape(-1, len(self.law.free)))
-        count = self.search.plans
+        law, count = self.law.at(plans.reshape(-1, len(self.law.free))), self.search.plans
         memory = {name: np.repeat(array, count, axis=0) for name, array in now.law.items()}
-
-        def act(_step: int, state: Array, applied: Array) -> Array:
-            nonlocal memory
-            action, memory = law.action(memory, state, applied)
-            return np.clip(action, -1.0, 1.0)
-
-        return self._rewards(now, act)
+        return self._rewards(now, Followed(law, memory), count)
 
 
 def predictive_control(scene: Scene, law: Law) -> Feedback:

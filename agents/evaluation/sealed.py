@@ -136,8 +136,8 @@ class Seal:
         write_bytes(self.file, content_of(self._is_of | {"roles": roles}, arrays))
 
     def of(self, *roles: str) -> list[Scored]:
-        """Return what has one of some roles, the least cost first."""
-        found = (one for one in self.scored.values() if one.role in roles)
+        """Return what has one of some roles, by default all, the least cost first."""
+        found = (one for one in self.scored.values() if not roles or one.role in roles)
         return sorted(found, key=lambda one: one.cost)
 
     def summary(self, controllers: Container[str]) -> Row:
@@ -146,8 +146,7 @@ class Seal:
         Both are the best on these very episodes, the agent and the controller alike. The rows are
         of these controllers and all agents: what an earlier version had is not told.
         """
-        roles = {one.role for one in self.scored.values()}
-        found = [one for one in self.of(*roles) if one.role == AGENT or one.name in controllers]
+        found = [one for one in self.of() if one.role == AGENT or one.name in controllers]
         rows, agents = [one.row() for one in found], [one for one in found if one.role == AGENT]
         others = [one for one in found if one.role in CLASSICAL]
         compared = [agent.over(other) for agent in agents[:1] for other in others[:1]]
