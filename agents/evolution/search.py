@@ -65,7 +65,7 @@ class EvolveSettings(SearchSettings):
     """threads that share a generation; results do not depend on it"""
     base: str | None = None
     """controller that the network is added to, a name or "FILE.py:NAME", with its own memory; it
-    observes the controller's action too and begins without influence, whatever `--law` says"""
+    observes the controller's action too and begins without influence"""
     schedules: bool = False
     """let the network set the free numbers of the base in each control step, and add nothing"""
     authority: Annotated[float, Field(gt=0, le=2)] = 1.0
@@ -74,6 +74,13 @@ class EvolveSettings(SearchSettings):
 
     growing: ClassVar[tuple[str, ...]] = ("generations", "time_budget")
     own_code: ClassVar[tuple[str, ...]] = ("base", "reward")
+
+    @property
+    def unused(self) -> dict[str, str]:
+        """What the base replaces, or what is of a base alone."""
+        if self.base is None:
+            return dict.fromkeys(("schedules", "authority"), "with a base")
+        return dict.fromkeys(("law", "memory"), "without base")
 
     @property
     def unasked(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ import pytest
 
 from agents.commands.results import ResultsSettings
 from agents.commands.tune import TuneSettings
+from agents.evolution.search import EvolveSettings
 from agents.gradient.settings import GradientSettings
 from agents.sweeps.trials import SweepSettings
 from agents.training.config import (
@@ -261,6 +262,20 @@ def test_flag_of_another_algorithm_is_refused_by_name(flag, monkeypatch):
         read_from(monkeypatch, TrainSettings, "CarriageForce", flag, "1")
     chosen = read_from(monkeypatch, TrainSettings, "Hybrid", flag, "1", "--algorithm", other)
     assert chosen.chosen.model_fields_set == {flag.partition(".")[2].replace("-", "_")}
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (("--base", "lqr", "--law", "lqg"), "--law: got a setting without effect; .* without base"),
+        (("--base", "lqr", "--memory", "2"), "--memory: got a setting .* without base"),
+        (("--authority", "0.5"), "--authority: got a setting .* with a base"),
+        (("--schedules",), "--schedules: got a setting .* with a base"),
+    ],
+)
+def test_flags_of_a_start_and_of_a_base_exclude_each_other(asked, words, monkeypatch):
+    with pytest.raises(SceneError, match=words):
+        read_from(monkeypatch, EvolveSettings, "CarriageForce", *asked)
 
 
 @pytest.mark.parametrize("flag", ["--feedback", "--oscillators"])
