@@ -218,6 +218,7 @@ class TestFile:
             (np.full(3, 0.5), "On 1 of 1 tasks {}:\non CarriageForce by more than the 95 %"),
             (np.array([0.2, 0.8, 1.7]), "On 1 of 1 tasks {}:\non CarriageForce by less than the"),
             ([0.5], "On 1 of 1 tasks {}:\non CarriageForce with one seed, which has no interval."),
+            (np.full(3, 0.9995), "On CarriageForce the difference is less than 0.1 %."),
             (np.full(3, 2.0), "On 0 of 1 tasks {}.\nOn CarriageForce it costs no less."),
         ],
     )

@@ -54,7 +54,8 @@ def test_costs_on_the_three_other_tasks_are_those_of_the_pages():
 
 def test_tasks_on_sealed_episodes_are_those_of_the_page():
     (stated,) = re.findall(r"On \[sealed episodes\]\S* this holds on (\w+) of them", WORDS)
-    found = set(of_sealed(read_sealed())["surely"])
+    standing = of_sealed(read_sealed())
+    found = set(standing["surely"]) - set(standing["hardly"])
     assert found <= {task for task, *_ in STATED}
     assert {"three": 3, "four": 4}[stated] == len(found)
 
