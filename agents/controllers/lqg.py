@@ -19,7 +19,16 @@ from agents.controllers.lqr import (
     reaction_weights,
     state_weight,
 )
-from agents.controllers.registry import Free, Tunable, regulator_entry, unless, without_weight
+from agents.controllers.registry import (
+    Entry,
+    Free,
+    Tunable,
+    regulator_entry,
+    unless,
+    without_weight,
+)
+from agents.controllers.searched import cheapest
+from agents.scoring import validation_cost
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
 from mm_gym.arrays import Array
 
@@ -37,6 +46,9 @@ ROUND_OFF = 1e-12
 """Of a pole: a mode without decay that the force does not reach has one this near to 1."""
 
 MOST_NUMBERS = 500_000  # numbers of gains that are kept for an episode's start
+
+EFFORTS = np.linspace(-1.0, 4.0, 6)  # exponents of what multiplies the weight of the force
+DISTURBANCES = UNMODELLED, 1e-2, 0.1, 1.0  # sizes of what is unmodelled that are tried
 
 OF_ACTUATORS = "stretch", "damping", "voltage", "applied_force"
 """Channels that show an actuator, and not the motion."""
@@ -379,6 +391,29 @@ class LQG(Controller):
         return {**memory, "estimate": estimate}
 
 
+class DetunedLQG(LQG):
+    """The LQG of other sizes of the force's weight and of what is unmodelled.
+
+    Weights that fit the reward are best only as long as nothing is clipped. A force that changes
+    slowly comes late where it is large, and then drives what it should still. Where parameters are
+    drawn, a filter that trusts its model is wrong.
+    """
+
+    def __init__(self, scene: Scene, factor: float, unmodelled: float) -> None:
+        weight = factor * scene.objective.effort_weight
+        super().__init__(scene.replace(**{"objective.effort_weight": weight}), unmodelled)
+        self.name = f"LQG, effort weight times {factor:.2g}, unmodelled {unmodelled:.2g}"
+
+
+def best_detuned_lqg(scene: Scene) -> DetunedLQG:
+    """Search a factor of the force's weight over five decades, for each size of the unmodelled."""
+
+    def weighed(unmodelled: float) -> DetunedLQG:
+        return cheapest(scene, lambda e: DetunedLQG(scene, 10.0**e, unmodelled), EFFORTS)
+
+    return min(map(weighed, DISTURBANCES), key=lambda one: validation_cost(scene, one))
+
+
 class WeightedLQG(LQG):
     """The LQG of other weights than the reward's, with a spring where the rail ends.
 
@@ -431,8 +466,10 @@ _without_rail = unless(
     "which keeps off the ends of a rail; objective.rail_half_length: missing",
 )
 
+
 ENTRIES = (
     regulator_entry("lqg", ("force",), LQG, 50, "filter", label=LQG.name),
+    Entry("detuned-lqg", ("force",), best_detuned_lqg, 51, "filter", "detuned LQG", without_weight),
     Tunable("weighted-lqg", free_numbers, WeightedLQG).entry(
         ("force",),
         53,

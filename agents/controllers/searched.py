@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from scipy.optimize import minimize_scalar
 
-from agents.control.controller import Law, StateSource
+from agents.control.controller import Controller, Law, StateSource
 from agents.control.feedback import Feedback
 from agents.control.observed_state import observed_state
 from agents.controllers.registry import Tunable
 from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, validation_cost
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
+
+Designed = TypeVar("Designed", bound=Controller)
 
 DECADES = np.linspace(-2.0, 2.0, 17)  # exponents of the gains and weights that are tried
 
@@ -51,12 +53,22 @@ def searched(
 ) -> Feedback:
     """Return the law of least cost: the best of some values, refined between its neighbours."""
     source = source or observed_state(scene)
+    return cheapest(scene, lambda value: Feedback(scene, make(value), source), values, seed)
 
-    def controller(value: float) -> Feedback:
-        return Feedback(scene, make(float(value)), source)
+
+def cheapest(
+    scene: Scene,
+    controller: Callable[[float], Designed],
+    values: Array,
+    seed: int = VALIDATION_SEED,
+) -> Designed:
+    """Return the controller of least cost in the same way, of those that can be designed."""
 
     def cost(value: float) -> float:
-        return validation_cost(scene, controller(value), seed=seed)
+        try:
+            return validation_cost(scene, controller(float(value)), seed=seed)
+        except DesignError:
+            return np.inf
 
     costs = [cost(value) for value in values]
     best = int(np.argmin(costs))

@@ -86,7 +86,7 @@ def test_rows_of_a_task_are_replaced_and_the_others_stay() -> None:
 def test_controllers_with_a_filter_have_the_numbers_of_the_task() -> None:
     scene = load_scene("mm_gym/ActiveMassDamper-v0")
     filters = _filters(scene)
-    assert list(filters) == ["LQG", WeightedLQG.name, "H-infinity"]
+    assert list(filters) == ["LQG", "detuned LQG", WeightedLQG.name, "H-infinity"]
     found = read_found()["mm_gym/ActiveMassDamper-v0"].controllers["weighted-lqg"].numbers
     assert filters[WeightedLQG.name](late(scene)).numbers == found
 

@@ -5,11 +5,13 @@ import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH
 
 from agents.control.feedback import Feedback, TrueState
-from agents.controllers.lqg import LQG, design_lqg
+from agents.controllers.lqg import LQG, best_detuned_lqg, design_lqg
 from agents.controllers.lqr import LQR
 from agents.controllers.tuned import baselines
-from agents.scoring import evaluate
-from mm_gym import DesignError, MovingMassVectorEnv, Scene
+from agents.exports.controllers import controller_policy
+from agents.scoring import evaluate, validation_cost
+from agents.training.config import CONFIGS
+from mm_gym import DesignError, MovingMassVectorEnv, Scene, load_scene
 
 NOISY = Scene(
     springs={"kind": "small_on_large", "stiffness": 35.0, "stretch": 2.0},
@@ -107,6 +109,13 @@ def test_baselines_have_an_lqg_where_one_can_be_designed():
     found, not_scored = baselines(CARRIAGE_FORCE_FRICTION)
     assert "LQG" not in [one.name for one in found]
     assert "no stabilising solution" in not_scored["LQG"]
+
+
+def test_where_the_force_changes_slowly_another_effort_weight_costs_half():
+    scene = load_scene(CONFIGS / "structures" / "tower.toml")
+    detuned, stated = (validation_cost(scene, one(scene)) for one in (best_detuned_lqg, LQG))
+    assert detuned < 0.5 * stated
+    assert len(controller_policy("detuned-lqg", scene).layers) == 2
 
 
 @pytest.mark.parametrize(
