@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, suggest
 from mm_gym.lanes import layout
-from mm_gym.law import bounds, dry_friction, springs
+from mm_gym.law import INTERFACES, bounds, dry_friction, springs
+from mm_gym.law.hardening_springs import LINES, with_hardening_springs
 from mm_gym.law.interface import LINE, Interface, Law, law_of
 
 LINEAR = "linear"
@@ -35,6 +37,15 @@ General: the interface is one of `mm_gym.law.INTERFACES`."""
 
 PHYSICAL = range(layout.M1, layout.HARMONICS)
 """Rows of the physical parameters; before them stretch and damping alone enter the dynamics."""
+
+
+def interface_of(kind: str, *, hardens: bool) -> Interface:
+    """Return the one interface of a kind as methods take it: with springs that harden, by value."""
+    return (
+        with_hardening_springs((LINES | INTERFACES)[kind])
+        if hardens
+        else INTERFACES.get(kind, LINE)
+    )
 
 
 @dataclass(frozen=True)
@@ -102,6 +113,17 @@ class Support:
     device: str = ""
     sensors_row: int = 0
     actuator_rows: dict[str, int] = field(default_factory=dict[str, int])
+
+    # An interface is told by its identity, and its kernels belong to a process.
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields, with the kind of the interface in its place."""
+        hardens = self.interface not in (LINE, *INTERFACES.values())
+        return vars(self) | {"interface": {"kind": self.interface.kind, "hardens": hardens}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the fields, with the interface of this process."""
+        vars(self).update(state, interface=interface_of(**state["interface"]))
 
     @property
     def idle_velocity(self) -> float:

@@ -8,11 +8,10 @@ import numpy as np
 
 from mm_gym.excitation.sources import LONGEST_TURN
 from mm_gym.lanes import layout
-from mm_gym.law import INTERFACES
-from mm_gym.law.hardening_springs import CUBIC, LINES, with_hardening_springs
+from mm_gym.law.hardening_springs import CUBIC
 from mm_gym.law.interface import LINE, Interface
 from mm_gym.law.springs import LINEAR
-from mm_gym.methods.support import Support, fastest_rate
+from mm_gym.methods.support import Support, fastest_rate, interface_of
 from mm_gym.plant.excitation import NUMBER, lay_out
 from mm_gym.plant.task import instruments_of
 from mm_gym.scene.mechanics import GRAVITY
@@ -130,15 +129,13 @@ def support_of(scene: Scene) -> Support:
 
 
 def _interface(scene: Scene) -> Interface:
-    """Return the force between the masses as methods take it: with springs that harden, by value.
+    """Return the force between the masses.
 
-    Dry friction is not known by value; `findings` refuses it with such springs.
+    Dry friction is not known by value; `findings` refuses it with springs that harden.
     """
     kind = scene.interface.kind
     cubic = scene.range_of(CUBIC, getattr(scene.springs, "cubic_coefficient", 0.0))
-    if bounds(cubic)[1] > 0.0 and kind != "dry_friction":
-        return with_hardening_springs((LINES | INTERFACES)[kind])
-    return INTERFACES.get(kind, LINE)
+    return interface_of(kind, hardens=bounds(cubic)[1] > 0.0 and kind != "dry_friction")
 
 
 def _rate(scene: Scene, values: dict[str, NumberOrRange]) -> float:

@@ -1,11 +1,13 @@
 """The contract of `simulate`: its arguments and its result."""
 
+import copy
 import csv
+import pickle
 
 import numpy as np
 import pytest
 
-from mm_gym import ActionError, Scene, SimulationError, compile_scene, simulate
+from mm_gym import ActionError, Scene, SimulationError, compile_scene, metrics, simulate
 
 PUSHED = Scene(
     springs={"kind": "small_on_large"},
@@ -27,6 +29,26 @@ def test_trajectory_has_a_row_per_step_and_one_at_the_end():
 def test_scene_and_its_plant_give_the_same():
     plant = compile_scene(PUSHED)
     assert np.array_equal(simulate(plant, action=1.0).state, simulate(PUSHED, action=1.0).state)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])  # noqa: S301 - just written
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"interface": {"kind": "bouc_wen", "stiffness": 50.0, "yield_displacement": 0.002}},
+        {"springs": {"kind": "linear", "stiffness": 35.0, "cubic_coefficient": 1e3}},
+    ],
+)
+def test_copies_and_pickles_tell_the_same_of_plant_and_motion(changes, copied):
+    plant = compile_scene(PUSHED.replace(**changes))
+    assert copied(plant).explain() == plant.explain()
+    trajectory = simulate(plant, action=1.0)
+    other = copied(trajectory)
+    assert np.array_equal(other.acceleration, trajectory.acceleration)
+    assert np.array_equal(other.work.dissipated, trajectory.work.dissipated)
+    assert metrics.response(other).rms_acceleration == metrics.response(trajectory).rms_acceleration
+    assert np.array_equal(simulate(copied(plant), action=1.0).state, trajectory.state)
 
 
 def test_states_between_steps_lie_on_the_same_motion():
