@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import NoReturn, TypeAlias
 
 from mm_gym.arrays import Array
@@ -52,6 +53,17 @@ OTHERS = (
 )
 """(G), [GAL], IN G."""
 
+UNKNOWN = re.compile(
+    rf"[(\[] ?(?:IN )?((?:MILLI|MICRO|M|U|\u039c|%)[ -]?G|{LENGTH}/{SECOND}) ?[)\]]"
+)
+"""(MG), [M/S]: a fraction of g, or a velocity."""
+
+TIMES = re.compile(
+    r"(?<![A-Z])(?:TIMES?|T) ?(?:[(\[/_] ?|IN )"
+    r"(MS|MSEC|MILLISECONDS|US|\u039cS|MICROSECONDS|MIN|MINUTES|H|HOURS)(?![A-Z0-9])"
+)
+"""TIME (MS), T IN MIN: times that are not in seconds."""
+
 LONGEST_LINE = 2000  # characters of a header's line that are looked at
 
 
@@ -76,10 +88,19 @@ def contradiction(line: str, unit: str) -> str | None:
     return None
 
 
+def other_times(line: str) -> str | None:
+    """Return how a heading states times that are not in seconds, in words, or None."""
+    found = TIMES.search(_words(line))
+    return f"the header states times in {found[1]}; allowed: s" if found else None
+
+
+def _words(line: str) -> str:
+    return " ".join(line[:LONGEST_LINE].upper().split())
+
+
 def _stated(line: str) -> Iterator[tuple[str, str | None]]:
     """Return each unit that a line states as it is written there, and its name, if it has one."""
-    words = " ".join(line[:LONGEST_LINE].upper().split())
-    words = re.sub(r" ?([/^]) ?", r"\1", words)
+    words = re.sub(r" ?([/^]) ?", r"\1", _words(line))
     for found in ACCELERATION.finditer(words):
         yield found[0], SPELLINGS[found[1]]
     for found in STATED.finditer(words):
@@ -87,6 +108,8 @@ def _stated(line: str) -> Iterator[tuple[str, str | None]]:
         unit = SPELLINGS.get(text) if text in SPELLINGS and not _is_length(text) else None
         if unit is not None or (found[1] and not ACCELERATION.search(found[0])):
             yield text, unit
+    for found in UNKNOWN.finditer(words):
+        yield found[1], None
     for pattern in OTHERS:
         for found in pattern.finditer(words):
             if found[1] in SPELLINGS and not _is_length(found[1]):
@@ -126,8 +149,9 @@ class Options:
         """Raise `SceneError` for an option that no file could have."""
         if self.unit is not None:
             check_name("unit", self.unit, UNITS)
-        if self.time_step is not None and not SHORTEST <= self.time_step <= LARGEST:
-            refuse("time_step", f"{self.time_step}", f"{SHORTEST:g} to {LARGEST:g} s")
+        is_step = isinstance(self.time_step, Real) and SHORTEST <= self.time_step <= LARGEST
+        if not (self.time_step is None or is_step):
+            refuse("time_step", f"{self.time_step!r}", f"{SHORTEST:g} to {LARGEST:g} s")
         if type(self.skip) is not int or self.skip < 0:
             refuse("skip", f"{self.skip!r}", "a number of lines, 0 or more")
         is_number = type(self.column) is int and 1 <= self.column <= MOST_COLUMNS

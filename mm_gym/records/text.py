@@ -14,7 +14,7 @@ import numpy as np
 from mm_gym.arrays import Array
 from mm_gym.errors import SceneError
 from mm_gym.files import read_bytes
-from mm_gym.records.options import LARGEST, SHORTEST, Options, Samples, contradiction
+from mm_gym.records.options import LARGEST, SHORTEST, Options, Samples, contradiction, other_times
 
 Block = tuple[int, str]
 
@@ -276,6 +276,9 @@ def read_columns(file: Path, text: str, unit: str, options: Options) -> Samples:
     for n, line in headings:
         own = columns > 2 and n in named and (_is_split(line) or named[n] is names)  # noqa: PLR2004
         check_unit(file, [(n, named[n][places[-1]] if own else line)], unit)
+        times = other_times(line) if options.time_step is None else None
+        if times is not None:
+            refuse(file, n, times)
     pieces = list(blocks(file, text, start, number))
     form = Form(separator, columns, places, _decimal_mark(pieces, separator, places))
     fitting = table(separator, columns, form.mark)

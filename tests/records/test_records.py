@@ -252,6 +252,8 @@ def test_options_are_checked(tmp_path):
         read(tmp_path, "0 1\n1 2\n", "motion.csv", time_step=0.1)
     with pytest.raises(SceneError, match=r"time_step: got nan; allowed: 1e-09 to"):
         read(tmp_path, "1\n2\n", "motion.csv", time_step=float("nan"))
+    with pytest.raises(SceneError, match=r"time_step: got '0\.1'; allowed: 1e-09 to"):
+        read(tmp_path, "1\n2\n", "motion.csv", time_step="0.1")
 
 
 def test_file_that_cannot_be_read_is_refused(tmp_path):
@@ -417,6 +419,28 @@ def test_headings_of_columns_state_their_unit_too(tmp_path):
         assert read(tmp_path, content, "motion.csv", unit="g").values.tolist() == [G, 2.0 * G]
     with pytest.raises(SceneError, match=r"states units of KN; got unit = 'N'; set unit = 'kN'"):
         read(tmp_path, "time, force (kN)\n0 1\n1 2\n", "motion.csv", unit="N")
+
+
+@pytest.mark.parametrize("stated", ["[mg]", "(milli-g)", "(%g)", "[\u00b5g]", "(in mg)", "(cm/s)"])
+def test_heading_with_a_fraction_of_g_or_a_velocity_is_not_read_in_g(tmp_path, stated):
+    content = f"time [s], motion {stated}\n0 1\n1 2\n"
+    with pytest.raises(SceneError, match=r":1: the header states units of .*; got unit = 'g'$"):
+        read(tmp_path, content, "motion.csv")
+    assert read(tmp_path, content, "motion.csv", unit="m/s^2").values.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("stated", ["Time (ms)", "t [ms]", "time_ms", "T in min", "time [\u00b5s]"])
+def test_times_that_the_headings_state_in_another_unit_than_seconds_are_refused(tmp_path, stated):
+    content = f"{stated},a\n0,1\n10,2\n"
+    with pytest.raises(SceneError, match=r"\.csv:1: the header states times in \w+; allowed: s$"):
+        read(tmp_path, content, "motion.csv")
+    alone = read(tmp_path, content, "motion.csv", column=2, time_step=0.01)
+    assert alone.times.tolist() == [0.0, 0.01]
+
+
+@pytest.mark.parametrize("heading", ["Time (s)", "t", "time [sec]", "t h", "T_1", "min t"])
+def test_times_in_seconds_are_read(tmp_path, heading):
+    assert read(tmp_path, f"{heading},a\n0,1\n10,2\n", "motion.csv").times.tolist() == [0.0, 10.0]
 
 
 def test_lines_that_end_in_two_carriage_returns_are_read(tmp_path):
