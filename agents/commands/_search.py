@@ -23,6 +23,6 @@ def search_and_score(settings: Settings, search: Callable[[Settings, Run], None]
         search(settings, run)
         parts = make_parts(settings)
         cost = evaluate(parts.scene, agent_of(run, parts), episodes=EPISODES).cost
-    compare = f"compare it with classical controllers: python -m agents evaluate {run.folder}"
+    compare = f"compare it with classical controllers: {run.scoring}"
     told = f"{cost:.4f} is its cost on {EPISODES} held-out episodes"
     print(told, compare, *notes_of(run), sep="\n")

@@ -203,7 +203,8 @@ def finished_runs(text: str) -> dict[str, Trained]:
     folders = sorted(path.parent.glob(path.name)) if "*" in text else [path]
     folders = [folder for folder in folders if os.path.lexists(folder / "run.json")]
     if not folders:
-        near = suggest(path.name, [file.name for file in path.parent.glob("*") if file.is_dir()])
+        others = [record.parent.name for record in path.parent.glob("*/run.json")]
+        near = suggest(path.name, others)
         msg = f"{text}: no finished run here{near}; train first: python -m agents train"
         raise RunError(msg)
     found: dict[str, Trained] = {}

@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import reprlib
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -109,6 +110,11 @@ class Run:
         """Whether training is over."""
         return self.policy.exists()
 
+    @property
+    def scoring(self) -> str:
+        """The command that scores the run, as a shell takes it."""
+        return f"python -m agents evaluate {shlex.quote(str(self.folder))}"
+
     def require_finished(self) -> None:
         """Raise `RunError` unless training is over."""
         if not self.finished:
@@ -139,14 +145,13 @@ class Run:
         except KeyboardInterrupt as interrupt:
             advice = "give the same command again to continue"
             if self.finished:
-                advice = f"trained; score it: python -m agents evaluate {self.folder}"
+                advice = f"trained; score it: {self.scoring}"
             done = str(interrupt)
             raise KeyboardInterrupt(done, f"{self.folder}: {advice}") from None
         except OSError as error:  # a full disk, a folder that cannot be written to
             kept = "its last checkpoint is whole: give the same command again when there is room"
             if self.finished:
-                scored = f"score it when there is room: python -m agents evaluate {self.folder}"
-                kept = f"trained; {scored}"
+                kept = f"trained; score it when there is room: {self.scoring}"
             msg = f"{error}\n{self.folder}: {kept}"
             raise OSError(msg) from error
 

@@ -259,6 +259,8 @@ def test_unknown_names_and_files_are_refused_with_the_nearest(tmp_path, monkeypa
         RunError, ["runs/fist"]
     )
     assert "runs/none*: no finished run here" in refused(RunError, ["runs/none*"])
+    (tmp_path / "tables").mkdir()
+    assert "tables: no finished run here; train first" in refused(RunError, ["./tables"])
     assert "no such file" in refused(PolicyError, ["missing.npz"], (FORCE,))
     assert "lqr: given twice" in refused(SceneError, ["lqr", "lqr"], (FORCE,))
 

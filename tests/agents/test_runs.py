@@ -4,6 +4,7 @@ import json
 import os
 import platform
 import re
+import shlex
 import signal
 import subprocess
 import time
@@ -203,6 +204,9 @@ class TestInterrupts:
             command.train_and_report(TINY)
         advice = "tiny: trained; score it: python -m agents evaluate tiny"
         assert caught.value.args == ("", advice)
+
+    def test_command_that_scores_a_run_can_be_given_as_it_is_printed(self, tmp_path):
+        assert shlex.split(Run("my run", tmp_path).scoring)[4:] == [str(tmp_path / "my run")]
 
     def test_time_of_a_continued_run_counts_on(self, tmp_path):
         run, settings = Run("tiny", tmp_path), changed(steps=10**8, time_budget=1.0)
