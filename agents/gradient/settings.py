@@ -34,7 +34,7 @@ class GradientSettings(SearchSettings):
     """units of the hidden layer"""
     oscillators: Annotated[int, Field(ge=0)] = 4
     """oscillators of the linear memory, two states each, in addition to those that predict a
-    random force; without effect with a cell, which has half as many as it has units"""
+    random force; not allowed with a cell, which has half as many as it has units"""
     cell: Annotated[int, Field(ge=0)] = 0
     """units of a recurrent cell (GRU), which begins as the linear memory and is trained by torch; 0
     for none"""
@@ -52,7 +52,7 @@ class GradientSettings(SearchSettings):
     """the same at the end; for your own scene 20 periods, and 6.5 where springs are tuned"""
     feedback: Annotated[float, Field(ge=0, le=1)] = 1.0
     """fraction of the slopes over observations that is followed back to earlier motion; 1 is the
-    exact gradient, less is steadier; without effect with a cell, for which it is 1"""
+    exact gradient, less is steadier; not allowed with a cell, for which it is 1"""
     floor: Positive = 0.05
     """floor of the correlation units' denominators; a smaller one switches more sharply; for your
     own scene the best of three"""
