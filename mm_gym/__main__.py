@@ -319,6 +319,8 @@ def _paper(options: argparse.Namespace) -> None:
 
 def _check_files(options: argparse.Namespace, inputs: Sequence[str | Path]) -> None:
     check_outputs([path for path in (options.csv, options.plot) if path is not None], inputs)
+    if options.plot is not None and Path(options.plot).suffix.lower() != ".png":
+        refuse("--plot", repr(options.plot), "a file whose name ends in .png")
 
 
 def _write_files(options: argparse.Namespace, result: Trajectory | ResponseSpectrum) -> None:

@@ -145,6 +145,7 @@ def test_wrong_scene_is_one_message_without_a_traceback(write, capsys, command):
         (["--csv", "."], "error: .: cannot be written: it is a folder"),
         (["--csv", ""], "error: cannot be written: the path is empty"),
         (["--plot", ""], "error: cannot be written: the path is empty"),
+        (["--plot", "a.pdf"], "--plot: got 'a.pdf'; allowed: a file whose name ends in .png"),
         (["--csv", "/dev/null/x"], "error: /dev/null/x: cannot be written: Not a directory"),
     ],
 )
