@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -50,6 +51,8 @@ that is worse by more than this factor than the best."""
 
 ROUGH = np.concatenate([[0.0], np.geomspace(0.01, 100.0, 60)])
 """Frequencies over w1 at which the grid's amplitudes are looked at."""
+
+PAIRS = 5  # values of each unknown from which a double pair of eigenvalues is looked for
 
 STEP = 1e-5  # step of central differences, of logarithms: their error is some 1e-10
 ROUNDS = 6  # times that the frequency between the two peaks is found anew
@@ -237,7 +240,12 @@ def _slowest(problem: Problem, start: Array) -> Array:
         options={"xatol": 1e-12, "fatol": 1e-15, "maxiter": 4000, "maxfev": 4000},
     )
     best = _better(problem, start, np.asarray(found.x))
-    return _better(problem, best, _double_pair(problem, best)) if problem.has_springs else best
+    if problem.has_springs:
+        # Of a heavily damped carriage it is far from where the simplex ends.
+        spread = (np.linspace(*bounds, PAIRS) for bounds in problem.bounds)
+        for first in (best, *map(np.array, itertools.product(*spread))):
+            best = _better(problem, best, _double_pair(problem, first))
+    return best
 
 
 def _double_pair(problem: Problem, start: Array) -> Array:
@@ -253,7 +261,8 @@ def _double_pair(problem: Problem, start: Array) -> Array:
     slowest = np.roots(characteristic(problem.at(start)))
     slowest = slowest[int(np.argmax(slowest.real))]
     guess = np.log([max(-2.0 * slowest.real, 1e-12), abs(slowest) ** 2])
-    found = root(residual, np.append(start, guess), tol=1e-14)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a search that goes astray
+        found = root(residual, np.append(start, guess), tol=1e-14)
     inside = all(
         low <= x <= high for x, (low, high) in zip(found.x[:2], problem.bounds, strict=True)
     )

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import differential_evolution
 from tasks import TASKS
 from tuning.conftest import rig
 
@@ -44,6 +45,24 @@ def test_simulated_peak_of_the_tuned_scene_is_the_predicted_one(excitation, chan
     for factor in (0.99, 1.01):  # and it is a peak
         beside = steady_amplitude(found.tuned, excitation, factor * after.peak_frequency, show)
         assert unit * beside < at_peak
+
+
+@pytest.mark.parametrize("mass_ratio", [0.016, 0.044, 0.05, 0.31, 1.3])
+@pytest.mark.parametrize("damping", [0.0, 40.0, 120.0, 180.0])
+@pytest.mark.filterwarnings("error")
+def test_no_design_at_all_decays_faster(mass_ratio, damping):
+    def slowest(unknowns):
+        c, k2 = np.exp(unknowns)
+        f = np.array([[-(1e4 + k2), k2], [k2 / mass_ratio, -k2 / mass_ratio]])
+        g = np.array([[-(damping + c), c], [c / mass_ratio, -c / mass_ratio]])
+        return np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [f, g]])).real.max()
+
+    scene = rig(mass_ratio, damping=damping)
+    best = tune(scene, excitation="force", criterion="stability").free
+    found = slowest(np.log([best.damping, best.stiffness]))
+    around = np.log([[2e-4, 2e3], [40.0, 4e6]]) + np.log(mass_ratio)
+    other = differential_evolution(slowest, around.T, seed=1, maxiter=100)
+    assert found <= other.fun + 1e-6 * abs(other.fun)
 
 
 @pytest.mark.parametrize("criterion", ["h_infinity", "h2", "stability"])
