@@ -25,10 +25,10 @@ from mm_gym.scene.mechanics import GRAVITY, DryFriction
 from mm_gym.scene.scene import Scene
 from mm_gym.simulation.simulate import simulate
 from mm_gym.step.channels import CHANNELS
-from mm_gym.tuning.optimum import FREQUENCY_RATIOS, excitation_of, require_fixed, require_resonance
+from mm_gym.tuning.optimum import excitation_of, require_fixed, require_resonance
 from mm_gym.tuning.reach import obstacle, reach_of, springs_with
 from mm_gym.tuning.result import FrictionDesign, FrictionTuning
-from mm_gym.tuning.transfer import EXCITATIONS
+from mm_gym.tuning.transfer import EXCITATIONS, FREQUENCY_RATIOS
 
 Complex = NDArray[np.complex128]
 Pair = tuple[float, float]

@@ -23,7 +23,9 @@ from mm_gym.tuning.reach import obstacle, reach_of, springs_with, tuned_field
 from mm_gym.tuning.result import Design, Reference, Tuning
 from mm_gym.tuning.transfer import (
     CHANNELS,
+    DAMPING_RATIOS,
     EXCITATIONS,
+    FREQUENCY_RATIOS,
     Peak,
     Transfer,
     abscissa,
@@ -39,10 +41,6 @@ from mm_gym.tuning.transfer import (
 
 CRITERIA = ("h_infinity", "h2", "stability")
 
-FREQUENCY_RATIOS = (0.05, 20.0)
-"""Range of w2 / w1 that is searched where the springs do not bound it."""
-
-DAMPING_RATIOS = (1e-6, 20.0)  # range of c / (2 m2 w1) that is searched
 GRID = 24  # points of the grid on which the search begins, each way
 
 STARTS, APART, WORSE = 3, 3.0, 1.5

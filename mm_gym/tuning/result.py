@@ -23,7 +23,15 @@ from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import toml_of
 from mm_gym.step.channels import CHANNELS
 from mm_gym.tuning.closed_forms import Absorber
-from mm_gym.tuning.transfer import amplitude, si_factor, si_unit, transfer, without_dimension
+from mm_gym.tuning.transfer import (
+    DAMPING_RATIOS,
+    FREQUENCY_RATIOS,
+    amplitude,
+    si_factor,
+    si_unit,
+    transfer,
+    without_dimension,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,6 +75,16 @@ class Design(NamedTuple):
     value: float
     peak_frequency: float
     peak: float
+
+    def ends(self) -> list[str]:
+        """Return what an optimum has at an end of the range that is searched: it is none."""
+        found = self.frequency_ratio, self.damping_ratio * (self.frequency_ratio or 1.0)
+        named = ("f", "c / (2 m2 w1)"), found, (FREQUENCY_RATIOS, DAMPING_RATIOS)
+        return [
+            f"{name} is at an end of what is searched, {low:g} to {high:g}: no optimum is inside"
+            for name, value, (low, high) in zip(*named, strict=True)
+            if value and not 1.001 * low < value < 0.999 * high
+        ]
 
     def row(self, name: str, stretch: float | None) -> Row:
         """Return its row of a table."""
@@ -171,6 +189,7 @@ class Tuning:
         if self.out_of_reach is not None:
             worse = abs(self.after.value / self.free.value - 1.0)
             notes.append(f"{self.out_of_reach}. The best that they do is {worse:.2%} worse")
+        notes += self.free.ends()
         entering = "excitation of the ground"
         if self.excitation == "force":
             entering = "a force on the carriage"

@@ -15,6 +15,11 @@ Polynomial = Array  # coefficients, of the highest power first
 
 EXCITATIONS = ("force", "ground")
 
+FREQUENCY_RATIOS = (0.05, 20.0)
+"""Range of w2 / w1 that is searched where the springs do not bound it."""
+
+DAMPING_RATIOS = (1e-6, 20.0)  # range of c / (2 m2 w1) that is searched
+
 
 class Transfer(NamedTuple):
     """numerator / denominator in s / w1, both with the highest power first and no common zero at 0.

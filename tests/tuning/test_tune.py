@@ -65,6 +65,13 @@ def test_no_design_at_all_decays_faster(mass_ratio, damping):
     assert found <= other.fun + 1e-6 * abs(other.fun)
 
 
+def test_table_says_that_the_search_has_no_optimum_inside():
+    scene = rig(0.05, damping=10.0).replace(springs={"kind": "linear", "stiffness": 400.0})
+    tables = {name: tune(scene, excitation="force", channel=name).table() for name in CHANNELS}
+    assert "f is at an end of what is searched, 0.05 to 20" in tables["sphere_offset"]
+    assert "at an end" not in tables["carriage_displacement"]
+
+
 @pytest.mark.parametrize("criterion", ["h_infinity", "h2", "stability"])
 @pytest.mark.parametrize("excitation", ["force", "ground"])
 def test_no_design_near_the_optimum_is_better(excitation, criterion):
