@@ -4,7 +4,6 @@ import numpy as np
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
-from agents.control.feedback import Feedback
 from agents.controllers.registry import Entry
 from mm_gym import Scene
 from mm_gym.arrays import Array
@@ -53,12 +52,4 @@ class ExtremumSeeking(Law):
         return self.command(wanted, present), kept
 
 
-ENTRIES = (
-    Entry(
-        "extremum-seeking",
-        ("stretch",),
-        lambda scene: Feedback(scene, ExtremumSeeking(scene)),
-        54,
-        "further",
-    ),
-)
+ENTRIES = (Entry("extremum-seeking", ("stretch",), ExtremumSeeking, 54, "further"),)

@@ -4,7 +4,6 @@ import numpy as np
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
-from agents.control.feedback import Feedback
 from agents.controllers.lqr import problem_of
 from agents.controllers.registry import regulator_entry
 from mm_gym import DesignError, Scene
@@ -66,7 +65,7 @@ ENTRIES = (
     regulator_entry(
         "finite-horizon-lqr",
         ("force",),
-        lambda scene: Feedback(scene, FiniteHorizonLQR(scene)),
+        FiniteHorizonLQR,
         51,
         "further",
         label=FiniteHorizonLQR.name,

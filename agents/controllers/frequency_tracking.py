@@ -19,7 +19,6 @@ from agents.control.controller import (
     part,
 )
 from agents.control.disturbance import ForceObserver
-from agents.control.feedback import Feedback
 from agents.controllers.registry import Entry, Free, Tunable, unless
 from agents.scoring import FREQUENCY
 from mm_gym import MovingMassVectorEnv, Scene
@@ -246,7 +245,7 @@ def _tracker(name: str, order: int, estimator: Callable[[Scene], FrequencyEstima
     return Entry(
         name,
         ("stretch",),
-        lambda scene: Feedback(scene, FrequencyTracking(scene, estimator(scene))),
+        lambda scene: FrequencyTracking(scene, estimator(scene)),
         order,
         label=f"frequency tracking, {name}",
         refuses=_not_harmonic,

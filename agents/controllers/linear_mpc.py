@@ -217,14 +217,7 @@ _without_limits = unless(
 )
 
 ENTRIES = (
-    regulator_entry(
-        "linear-mpc",
-        ("force",),
-        lambda scene: Feedback(scene, LinearMPC(scene)),
-        52,
-        "further",
-        label="linear MPC",
-    ),
+    regulator_entry("linear-mpc", ("force",), LinearMPC, 52, "further", label="linear MPC"),
     Entry(
         "constrained-mpc",
         ("force",),

@@ -307,14 +307,7 @@ def with_constant_stretch(scene: Scene) -> Feedback:
 
 ENTRIES = (
     regulator_entry("lqr", ("force",), regulator, 10, label="LQR"),
-    Entry(
-        "lagging-lqr",
-        ("force",),
-        lambda scene: Feedback(scene, LaggingLQR(scene)),
-        17,
-        label=LaggingLQR.name,
-        refuses=_without_lag,
-    ),
+    Entry("lagging-lqr", ("force",), LaggingLQR, 17, label=LaggingLQR.name, refuses=_without_lag),
     regulator_entry(
         "lqr", ("force", "stretch"), with_constant_stretch, 30, label="LQR + constant stretch"
     ),

@@ -37,7 +37,8 @@ class Entry:
 
     name: str  # for commands
     actuators: tuple[str, ...]  # the scene's, all of them; none for a controller of any actuators
-    make: Callable[[Scene], Controller]  # makes it for a scene, tuned on the validation episodes
+    # Makes it for a scene, tuned on the validation episodes; a law is fed with what is observed.
+    made: Callable[[Scene], Controller | Law]
     order: int  # place in tables
     role: Role = "law"  # which tables it is in
     label: str = ""  # its title, by default the name in words
@@ -51,6 +52,15 @@ class Entry:
     def title(self) -> str:
         """What tables call it before it is made."""
         return self.label or self.name.replace("-", " ")
+
+    def make(self, scene: Scene) -> Controller:
+        """Return the controller for a scene."""
+        return fed(scene, self.made(scene))
+
+
+def fed(scene: Scene, made: Controller | Law) -> Controller:
+    """Return a controller as it is, and a law fed with what is observed."""
+    return Feedback(scene, made) if isinstance(made, Law) else made
 
 
 NUMBERS = Path(__file__).parents[2] / "configs" / "controllers.json"
@@ -139,8 +149,7 @@ class Tunable:
 
     def design(self, scene: Scene, numbers: Mapping[str, Any]) -> Controller:
         """Return the controller of such numbers; a law is fed with what is observed."""
-        made = self.make(scene, numbers)
-        return Feedback(scene, made) if isinstance(made, Law) else made
+        return fed(scene, self.make(scene, numbers))
 
     def first(self, scene: Scene) -> Controller:
         """Return the controller with the numbers that it is designed with before any search."""
@@ -202,14 +211,14 @@ def without_weight(scene: Scene) -> str | None:
 def regulator_entry(
     name: str,
     actuators: tuple[str, ...],
-    make: Callable[[Scene], Controller],
+    made: Callable[[Scene], Controller | Law],
     order: int,
     role: Role = "law",
     *,
     label: str,
 ) -> Entry:
     """Return the entry of a regulator of the force; where it has none, tables tell the reason."""
-    return Entry(name, actuators, make, order, role, label, without_weight, told=True)
+    return Entry(name, actuators, made, order, role, label, without_weight, told=True)
 
 
 @cache

@@ -4,7 +4,6 @@ import numpy as np
 
 from agents.control.actuators import Command, Lead, require_stable_rest
 from agents.control.controller import Acted, Law, Memory
-from agents.control.feedback import Feedback
 from agents.controllers.registry import Entry
 from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
@@ -62,14 +61,14 @@ ENTRIES = (
     Entry(
         "resetting-stiffness-passive",
         ("stretch",),
-        lambda scene: Feedback(scene, ResettingStiffness(scene, passive=True)),
+        lambda scene: ResettingStiffness(scene, passive=True),
         23,
         label="resetting stiffness, passive",
     ),
     Entry(
         "resetting-stiffness",
         ("stretch",),
-        lambda scene: Feedback(scene, ResettingStiffness(scene, passive=False)),
+        lambda scene: ResettingStiffness(scene, passive=False),
         24,
     ),
 )
