@@ -186,7 +186,7 @@ def read_policy(path: Path, *, trust: bool) -> AnyPolicy:
             "open it with --trust"
         )
         raise PolicyError(msg)
-    from agents.training.archive import open_trusted  # noqa: PLC0415 - torch, which else is unused
+    from agents.training.algorithms import open_trusted  # noqa: PLC0415 - torch, which else is unused
 
     return open_trusted(path)
 

@@ -17,8 +17,7 @@ from pathlib import Path
 from agents.commands.sweep import sweep
 from agents.errors import command
 from agents.report import published
-from agents.report.results_figures import draw_results
-from agents.report.results_page import page
+from agents.report.results_page import draw_results, page
 from agents.sweeps.results import (
     NOTHING,
     Results,

@@ -18,12 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from agents.errors import command, leave
-from agents.training.algorithm_settings import Count
-from agents.training.config import TrainSettings
+from agents.training.config import Count, TrainSettings
 from agents.training.ending import read_ending, told_part
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
-from agents.training.search_space import as_toml, suggested
 from mm_gym.files import write_text
 
 try:
@@ -31,7 +29,7 @@ try:
     from optuna.trial import TrialState
     from sqlalchemy.exc import SQLAlchemyError
 
-    from agents.training.studies import begin, frozen, open_study, repeat_later
+    from agents.training.studies import as_toml, begin, frozen, open_study, repeat_later, suggested
 except ImportError:
     msg = "error: tune needs Optuna: install the extra `tune`"
     leave(msg)

@@ -35,7 +35,7 @@ from mm_gym.files import write_bytes
 
 Kind = TypeVar("Kind", bound=Layer)
 
-FORMAT = 4  # of files. 1 to 3 are NumPy's archives, see `agents.network.old_files`.
+FORMAT = 4  # of files. 1 to 3 are NumPy's archives, see `agents.policies`.
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,15 @@ from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.scoring import evaluate
-from agents.training.algorithm_settings import Algorithm, Count
-from agents.training.config import Changes, RunSettings, TrainSettings, good_settings, short_name
+from agents.training.config import (
+    Algorithm,
+    Changes,
+    Count,
+    RunSettings,
+    TrainSettings,
+    good_settings,
+    short_name,
+)
 from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import MOST_TOLD, NONE, Run, RunError, by_dotted_name, read_as
 from agents.value_iteration.iteration import IterateSettings, iterate

@@ -19,8 +19,7 @@ from tqdm import TqdmExperimentalWarning
 
 from agents.policies import policy_in
 from agents.scoring import validation_cost
-from agents.training.algorithms import algorithm_class, make_model
-from agents.training.archive import policy_of
+from agents.training.algorithms import algorithm_class, make_model, policy_of
 from agents.training.arrays import Arrays, damage_named, load_checkpoint, save_checkpoint
 from agents.training.checkpoint import restore, state_of
 from agents.training.config import TrainSettings

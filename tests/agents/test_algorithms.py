@@ -13,8 +13,7 @@ from agents.evaluation.contestants import law_of
 from agents.policies import PolicyError, load_policy
 from agents.scoring import evaluate
 from agents.training import reinforcement
-from agents.training.algorithms import CLASSES, make_model
-from agents.training.archive import policy_of
+from agents.training.algorithms import CLASSES, make_model, policy_of
 from agents.training.config import TrainSettings
 from agents.training.lanes import make_lanes
 from agents.training.parts import make_parts

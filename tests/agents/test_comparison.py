@@ -22,8 +22,15 @@ from agents.evaluation.conclusions import CHOSEN, best_known, conclude, scores_o
 from agents.evaluation.contestants import Contestant, Episodes, Field, law_of, read_field
 from agents.evaluation.measure import TaskResult, measure
 from agents.policies import Policy, PolicyError, network
-from agents.report.comparison import as_data, page, print_comparison, write_comparison
-from agents.report.comparison_figures import _file_name, draw_aggregates, draw_intervals
+from agents.report.comparison import (
+    _file_name,
+    as_data,
+    draw_aggregates,
+    draw_intervals,
+    page,
+    print_comparison,
+    write_comparison,
+)
 from agents.scoring import HELD_OUT_SEED, evaluate
 from agents.training.runs import RunError
 from mm_gym import SceneError, load_scene, rewarded

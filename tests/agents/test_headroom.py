@@ -26,8 +26,7 @@ from agents.evaluation.headroom import (
     passive_rows,
     varied,
 )
-from agents.evaluation.local_search import CHILDREN, LocalSearch
-from agents.evaluation.plans import Effort, Planner
+from agents.evaluation.plans import CHILDREN, Effort, LocalSearch, Planner
 from agents.evaluation.scores import SCORES
 from agents.policies import network
 from agents.scoring import HELD_OUT_SEED, evaluate

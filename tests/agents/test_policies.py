@@ -22,7 +22,7 @@ from torch import nn
 
 from agents.commands import evaluate as command
 from agents.policies import LARGEST, PolicyError, load_policy
-from agents.training.archive import open_trusted, policy_of
+from agents.training.algorithms import open_trusted, policy_of
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings
 from agents.training.runs import Run, RunError

@@ -13,8 +13,8 @@ from agents.controllers.lqr import LQR
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps
 from agents.controllers.predictive_control import SEARCH, PredictiveControl
 from agents.controllers.registry import laws
+from agents.training.lanes import ResidualLanes
 from agents.training.parts import base_controller
-from agents.training.residual_lanes import ResidualLanes
 from mm_gym import SceneError, load_scene
 
 SHORT = CARRIAGE_FORCE.replace(

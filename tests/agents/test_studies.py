@@ -28,8 +28,7 @@ from agents.evaluation.studies import (
     outcomes,
     variants,
 )
-from agents.report.comparison import write_comparison
-from agents.report.comparison_figures import draw_closed_loops, draw_robustness
+from agents.report.comparison import draw_closed_loops, draw_robustness, write_comparison
 from agents.report.pages import print_ranking, write_scores
 from agents.scoring import HELD_OUT_SEED, evaluate
 from mm_gym import SceneError, metrics

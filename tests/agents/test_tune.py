@@ -19,8 +19,7 @@ from agents.commands.tune import TuneSettings, shortened, tune
 from agents.training.config import TrainSettings, read_settings
 from agents.training.ending import Ending
 from agents.training.runs import Run, RunError
-from agents.training.search_space import as_toml, suggested
-from agents.training.studies import is_dead
+from agents.training.studies import as_toml, is_dead, suggested
 
 QUICK = TuneSettings(
     task="mm_gym/CarriageForce-v0", name="quick", lanes=8, steps=800, evaluations=2, trials=2
