@@ -5,9 +5,9 @@ from typing import TypeVar
 
 from agents.scoring import evaluate
 from agents.training.config import TimedSettings
-from agents.training.ending import notes_of
 from agents.training.own_scene import print_misfits
 from agents.training.parts import agent_of, make_parts
+from agents.training.progress import notes_of
 from agents.training.runs import Run
 
 Settings = TypeVar("Settings", bound="TimedSettings")

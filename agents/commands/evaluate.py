@@ -25,8 +25,7 @@ from agents.controllers.user_defined import user_defined
 from agents.errors import command
 from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import BASELINES, Episodes, read_field
-from agents.evaluation.measure import Studies, measure
-from agents.evaluation.studies import Records, check_records
+from agents.evaluation.studies import Records, Studies, check_records, measure
 from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.report.comparison import report_comparison
 from agents.report.figures import draw_costs, draw_response

@@ -26,8 +26,8 @@ from agents.network.interface import Interface
 from agents.network.layers import Observer
 from agents.network.onnx import onnx_bytes
 from agents.policies import ENDINGS, AnyPolicy, PolicyError, load_policy
-from agents.training.ending import read_ending
 from agents.training.parts import trained_parts
+from agents.training.progress import read_ending
 from agents.training.runs import Run
 from agents.value_table.policy import TablePolicy
 from mm_gym import SceneError, load_scene

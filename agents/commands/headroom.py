@@ -28,13 +28,14 @@ from agents.evaluation.headroom import (
     KEPT,
     LEARNED,
     ROUNDING,
+    SCORES,
     controllers_of,
     headroom,
     interval,
     over_plans,
     preview,
+    read_scores,
 )
-from agents.evaluation.scores import SCORES, read_scores
 from agents.network.files import numbers, read_array
 from agents.scoring import written
 from mm_gym import Scene, SceneError, compile_scene, load_scene

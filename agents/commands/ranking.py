@@ -19,8 +19,7 @@ from agents.controllers.registry import Entry, entries, every_entry
 from agents.controllers.tuned import NOT_SCORED
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
-from agents.evaluation.headroom import LEARNED, scored
-from agents.evaluation.scores import SCORES, read_scores
+from agents.evaluation.headroom import LEARNED, SCORES, read_scores, scored
 from agents.report.published import controller_of, read_published
 from agents.report.score_pages import RANKING, ranking_page
 from agents.training.runs import RunError

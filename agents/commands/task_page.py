@@ -4,7 +4,7 @@ It describes the tasks' scenes; its scores come from ``python -m agents headroom
 """
 
 from agents.errors import command
-from agents.evaluation.scores import read_scores
+from agents.evaluation.headroom import read_scores
 from agents.report.score_pages import TASKS, tasks_page
 from mm_gym.files import write_text
 from mm_gym.tasks import ids

@@ -13,8 +13,8 @@ from agents.commands.evaluate import SINGLE, report_run
 from agents.control.controller import Controller
 from agents.errors import command
 from agents.training.config import TrainSettings
-from agents.training.ending import notes_of
 from agents.training.own_scene import print_misfits
+from agents.training.progress import notes_of
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 

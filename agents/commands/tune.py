@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from agents.errors import command, leave
 from agents.training.config import Count, TrainSettings
-from agents.training.ending import read_ending, told_part
+from agents.training.progress import read_ending, told_part
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
 from mm_gym.files import write_text

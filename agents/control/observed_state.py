@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
 from agents.control.controller import Info, Memory, Observation, StateSource, chosen
-from agents.control.disturbance import covariance, state_scales
-from agents.control.model import Model
+from agents.control.model import Model, covariance, state_scales
 from agents.control.scene import plant_of
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array, Single

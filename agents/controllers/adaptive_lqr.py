@@ -3,8 +3,8 @@
 import numpy as np
 
 from agents.control.controller import Acted, Law, Memory, chosen
-from agents.control.disturbance import covariance
 from agents.control.feedback import Feedback
+from agents.control.model import covariance
 from agents.control.observed_state import missed_covariance
 from agents.control.scene import drawn_but, nominal, plant_of
 from agents.controllers.gain_scheduling import Schedule

@@ -4,14 +4,14 @@ import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
 from agents.control.controller import Acted, Memory, chosen, joined, part
-from agents.control.disturbance import (
+from agents.control.model import (
     ORDER,
     ForceObserver,
+    Innovation,
     force_column,
     prediction_weights,
     state_scales,
 )
-from agents.control.model import Innovation
 from agents.control.observed_state import missed_covariance
 from agents.control.scene import STATES, plant_of
 from agents.controllers.frequency_tracking import LinearPrediction

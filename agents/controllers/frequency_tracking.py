@@ -18,7 +18,7 @@ from agents.control.controller import (
     joined,
     part,
 )
-from agents.control.disturbance import ForceObserver
+from agents.control.model import ForceObserver
 from agents.controllers.registry import Entry, Free, Tunable, unless
 from agents.scoring import FREQUENCY
 from mm_gym import MovingMassVectorEnv, Scene

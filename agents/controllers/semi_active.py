@@ -8,9 +8,8 @@ import numpy as np
 
 from agents.control.actuators import SWITCHINGS, Damper, Lead, Switching
 from agents.control.controller import Acted, Law, Memory, joined, part
-from agents.control.disturbance import force_column, state_scales
 from agents.control.feedback import Feedback
-from agents.control.model import Innovation
+from agents.control.model import Innovation, force_column, state_scales
 from agents.control.scene import STATES, nominal, plant_of, require_number, sphere_springs
 from agents.controllers.registry import Entry
 from agents.controllers.searched import grid, over_decades, searched

@@ -15,9 +15,8 @@ from agents.evaluation.aggregates import (
     probability_of_improvement,
 )
 from agents.evaluation.contestants import Episodes
-from agents.evaluation.headroom import least_cost
-from agents.evaluation.measure import TaskResult
-from agents.evaluation.scores import read_scores
+from agents.evaluation.headroom import least_cost, read_scores
+from agents.evaluation.studies import TaskResult
 from agents.scoring import tail_mean
 from mm_gym import Scene
 from mm_gym.arrays import Array

@@ -15,8 +15,7 @@ import numpy as np
 from agents.control.controller import Controller
 from agents.controllers.constant import best_constant
 from agents.evaluation.aggregates import shared_episodes
-from agents.evaluation.headroom import CLASSICAL, controllers_of, interval
-from agents.evaluation.scores import SCORES
+from agents.evaluation.headroom import CLASSICAL, SCORES, controllers_of, interval
 from agents.network.files import content_of, read_content
 from agents.scoring import VALIDATION_SEED, evaluate, written
 from mm_gym import DesignError, Scene, SceneError

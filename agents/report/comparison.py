@@ -14,8 +14,7 @@ from rich.console import Console
 
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.conclusions import THRESHOLDS, Comparison, Overall, Row
-from agents.evaluation.measure import TaskResult
-from agents.evaluation.studies import DELAY, NOISE, NOMINAL, RECORD
+from agents.evaluation.studies import DELAY, NOISE, NOMINAL, RECORD, TaskResult
 from agents.report.figures import logarithmic, study_label
 from agents.report.pages import not_scored_cells, percent, print_table, render, write_rows
 from mm_gym import SceneError

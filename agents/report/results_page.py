@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.aggregates import performance_profile
-from agents.evaluation.headroom import CLASSICAL
+from agents.evaluation.headroom import CLASSICAL, read_scores
 from agents.evaluation.plans import Effort, Planner
-from agents.evaluation.scores import read_scores
 from agents.evaluation.sealed import read_sealed
 from agents.report.figures import logarithmic
 from agents.report.pages import cost_range, percent, printed, render, span

@@ -10,10 +10,9 @@ from typing import Any
 
 from agents.control.trajectories import ends_of
 from agents.evaluation.aggregates import Estimate
-from agents.evaluation.headroom import CLASSICAL, LEARNED, least_cost
+from agents.evaluation.headroom import CLASSICAL, LEARNED, SCORES, least_cost
 from agents.evaluation.rigs import CONTROLLERS, DELAYS, OBSERVED, task_of
 from agents.evaluation.rigs import EPISODES as OF_RIGS
-from agents.evaluation.scores import SCORES
 from agents.evaluation.sealed import EPISODES as SEALED_EPISODES
 from agents.evaluation.sealed import first_seed
 from agents.report.pages import printed, render, span

@@ -12,8 +12,7 @@ from markupsafe import Markup
 
 from agents.evaluation.conclusions import Comparison, Row
 from agents.evaluation.contestants import Episodes, Field
-from agents.evaluation.measure import Studies, TaskResult
-from agents.evaluation.studies import DELAY, NOISE, NOMINAL, Motions
+from agents.evaluation.studies import DELAY, NOISE, NOMINAL, Motions, Studies, TaskResult
 from agents.report.comparison import against, episodes_in_words, paired_cells
 from agents.report.figures import study_label
 from agents.report.pages import FOLDER, not_scored_cells, web_page

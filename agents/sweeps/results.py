@@ -19,9 +19,8 @@ from agents.controllers.registry import entries
 from agents.controllers.tuned import designed
 from agents.controllers.with_observer import WithObserver
 from agents.evaluation.aggregates import Estimate, interquartile_mean, proportion, shared_episodes
-from agents.evaluation.headroom import CLASSICAL
+from agents.evaluation.headroom import CLASSICAL, SCORES, Cost, read_scores
 from agents.evaluation.rigs import CONTROLLERS, read_robustness, task_of, variant_of
-from agents.evaluation.scores import SCORES, Cost, read_scores
 from agents.scoring import evaluate, validation_cost
 from agents.sweeps.trials import (
     EPISODES,

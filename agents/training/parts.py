@@ -13,7 +13,7 @@ from agents.controllers.registry import laws, not_a_law
 from agents.controllers.user_defined import user_defined
 from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.training.config import RunSettings
-from agents.training.ending import read_ending
+from agents.training.progress import read_ending
 from agents.training.runs import Run, RunError
 from mm_gym import DesignError, OwnReward, Scene, SceneError, rewarded
 from mm_gym.errors import refuse

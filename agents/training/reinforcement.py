@@ -23,13 +23,12 @@ from agents.training.algorithms import algorithm_class, make_model, policy_of
 from agents.training.arrays import Arrays, damage_named, load_checkpoint, save_checkpoint
 from agents.training.checkpoint import restore, state_of
 from agents.training.config import TrainSettings
-from agents.training.ending import Ending, told_part
 from agents.training.lanes import make_lanes
 from agents.training.logs import FOLDER as LOGS
 from agents.training.logs import VALIDATION
 from agents.training.own_scene import for_own_scene
 from agents.training.parts import Parts, make_parts
-from agents.training.progress import Progress
+from agents.training.progress import Ending, Progress, told_part
 from agents.training.runs import Run, RunError
 from mm_gym.files import write_bytes
 

@@ -20,9 +20,8 @@ from agents.training.arrays import (
 )
 from agents.training.best import best_controller
 from agents.training.config import TimedSettings
-from agents.training.ending import Ending, told_part
 from agents.training.logs import VALIDATION, Log
-from agents.training.progress import Progress
+from agents.training.progress import Ending, Progress, told_part
 from agents.training.runs import Run
 from agents.training.starts import without_control
 from mm_gym import ActionError, Scene

@@ -19,8 +19,8 @@ from tasks import (
 
 from agents.control.actuators import GRID, Command, Lead
 from agents.control.controller import part
-from agents.control.disturbance import ForceObserver
 from agents.control.feedback import Feedback, TrueState
+from agents.control.model import ForceObserver
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.constant import Held, best_constant, no_control
 from agents.controllers.forecast import Forecast

@@ -24,14 +24,14 @@ import pytest
 
 from agents.commands import evaluate, export, ranking, task_page
 from agents.commands.headroom import _kept_plans
-from agents.evaluation.scores import SCORES, read_scores
+from agents.evaluation.headroom import SCORES, read_scores
 from agents.policies import PolicyError, load_policy, network
 from agents.sweeps.results import FILE as RESULTS
 from agents.sweeps.results import read_results
 from agents.sweeps.trials import read_score
 from agents.training.arrays import save_checkpoint
 from agents.training.config import RunSettings, TrainSettings, read_settings
-from agents.training.ending import Ending, read_ending
+from agents.training.progress import Ending, read_ending
 from agents.training.runs import METRICS, TIMES, Run, RunError
 from agents.training.search import Search
 from agents.value_table.kernel import NODES

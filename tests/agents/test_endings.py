@@ -15,7 +15,7 @@ from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
 from agents.scoring import validation_cost
 from agents.training.config import TrainSettings
-from agents.training.ending import Ending, read_ending
+from agents.training.progress import Ending, read_ending
 from agents.training.runs import Run
 from agents.training.starts import start_of
 from agents.value_iteration.iteration import IterateSettings

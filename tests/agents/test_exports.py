@@ -19,8 +19,8 @@ from agents.network.c_source import c_source
 from agents.policies import load_policy
 from agents.scoring import evaluate
 from agents.training.config import TrainSettings
-from agents.training.ending import Ending
 from agents.training.parts import base_controller
+from agents.training.progress import Ending
 from agents.training.runs import Run
 from mm_gym import MovingMassVectorEnv, SceneError, load_scene
 

@@ -19,6 +19,7 @@ from agents.evaluation.headroom import (
     KEPT,
     LEARNED,
     ROUNDING,
+    SCORES,
     controllers_of,
     interval,
     least_cost,
@@ -27,7 +28,6 @@ from agents.evaluation.headroom import (
     varied,
 )
 from agents.evaluation.plans import CHILDREN, Effort, LocalSearch, Planner
-from agents.evaluation.scores import SCORES
 from agents.policies import network
 from agents.scoring import HELD_OUT_SEED, evaluate
 from mm_gym import MovingMassVectorEnv, compile_scene

@@ -9,8 +9,7 @@ import pytest
 from tasks import CARRIAGE_FORCE, TASKS
 
 from agents.commands import ranking
-from agents.evaluation.headroom import EPISODES, least_cost, passive_rows
-from agents.evaluation.scores import SCORES
+from agents.evaluation.headroom import EPISODES, SCORES, least_cost, passive_rows
 from agents.policies import network
 from agents.report.pages import printed
 from agents.report.published import read_published

@@ -14,9 +14,8 @@ from agents.controllers.learned import Learned
 from agents.controllers.lqr import LQR
 from agents.controllers.with_observer import WithObserver
 from agents.evaluation.aggregates import proportion
-from agents.evaluation.headroom import CLASSICAL
+from agents.evaluation.headroom import CLASSICAL, read_scores
 from agents.evaluation.rigs import CONTROLLERS, read_robustness, variant_of
-from agents.evaluation.scores import read_scores
 from agents.policies import load_policy
 from agents.report.published import page as published_page
 from agents.report.published import read_published, scored_again

@@ -26,9 +26,9 @@ from agents.training import best as best_of
 from agents.training import own_scene, search, starts
 from agents.training.best import Best
 from agents.training.config import PPOSettings, TrainSettings, settings_from_command_line
-from agents.training.ending import read_ending
 from agents.training.own_scene import misfits, print_misfits
 from agents.training.parts import Parts, agent_of, make_parts
+from agents.training.progress import read_ending
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 from agents.training.scales import Scales

@@ -16,15 +16,17 @@ from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.aggregates import Sample
 from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import Contestant, Entry, Episodes, Field
-from agents.evaluation.measure import Studies, TaskResult, measure
 from agents.evaluation.studies import (
     FACTORS,
     NOMINAL,
     POINTS,
     Records,
+    Studies,
+    TaskResult,
     check_records,
     closed_loop,
     efforts,
+    measure,
     outcomes,
     variants,
 )

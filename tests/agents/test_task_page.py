@@ -5,7 +5,7 @@ import json
 import pytest
 from tasks import CARRIAGE_FORCE, HYBRID
 
-from agents.evaluation.scores import SCORES
+from agents.evaluation.headroom import SCORES
 from agents.report.score_pages import TASKS as PAGE
 from agents.report.score_pages import about, describe
 from agents.report.score_pages import tasks_page as page

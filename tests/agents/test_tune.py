@@ -17,7 +17,7 @@ import pytest
 
 from agents.commands.tune import TuneSettings, shortened, tune
 from agents.training.config import TrainSettings, read_settings
-from agents.training.ending import Ending
+from agents.training.progress import Ending
 from agents.training.runs import Run, RunError
 from agents.training.studies import as_toml, is_dead, suggested
 

@@ -12,8 +12,7 @@ from tasks import CARRIAGE_FORCE
 from agents.commands import report as command
 from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import Episodes, law_of, read_field
-from agents.evaluation.measure import measure
-from agents.evaluation.studies import NOMINAL, Motions
+from agents.evaluation.studies import NOMINAL, Motions, measure
 from agents.policies import network
 from agents.report.web_page import STUDIED, report_page
 from agents.scoring import evaluate

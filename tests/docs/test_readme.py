@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.evaluation.headroom import CLASSICAL
-from agents.evaluation.scores import read_scores
+from agents.evaluation.headroom import CLASSICAL, read_scores
 from agents.evaluation.sealed import read_sealed
 from agents.report.score_pages import of_sealed
 from agents.sweeps.results import cells_of, on_tasks, read_results
