@@ -5,7 +5,6 @@ they are listed, sizes are added up before anything is unpacked, and an array mu
 bytes that its header states.
 """
 
-import ast
 import io
 import json
 import math
@@ -19,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import safetensors.numpy
+from numpy.lib import format as npy
 from numpy.typing import DTypeLike, NDArray
 from safetensors import SafetensorError
 
@@ -51,11 +51,9 @@ DAMAGE = (
 )
 """What zipfile raises for what is no archive."""
 
-HEADERS = {b"\x93NUMPY\x01\x00": "<H", b"\x93NUMPY\x02\x00": "<I"}
-"""First bytes of an array's file, and the type of the header's length, which follows."""
+HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+"""By the version of an array's file: what reads its header, of at most 10,000 bytes."""
 
-MOST_AXES = 32  # of an array, as NumPy allows in all its versions
-LONGEST_HEADER = 10_000  # in bytes, as in NumPy: Python's parser may crash on a longer one
 KINDS = "biufU"  # of types: truth values, integers, floating-point numbers and text
 
 
@@ -114,41 +112,26 @@ def array_in(data: bytes, name: str = "array") -> NDArray[Any]:
     The name is for messages. Raise `ValueError` if it is damaged, or an array of anything but
     numbers or text.
     """
+    stream = io.BytesIO(data)
     try:
-        shape, order, dtype, start = _header(data)
-    except (ValueError, TypeError, KeyError, SyntaxError, MemoryError, RecursionError) as error:
+        shape, is_fortran, dtype = HEADERS[npy.read_magic(stream)](stream)
+    except Exception as error:  # noqa: BLE001 - Python's parser reads it
         msg = f"{name}: not an array: {error}"
         raise ValueError(msg) from None
-    except struct.error:
-        msg = f"{name}: not an array: its header is cut off"
-        raise ValueError(msg) from None
+    if not all(type(n) is int and n >= 0 for n in shape):
+        msg = f"{name}: got shape {shape}; allowed: numbers of at least 0"
+        raise ValueError(msg)
     if dtype.kind not in KINDS or not dtype.itemsize:
         msg = f"{name}: got type {dtype.str!r}; allowed: numbers or text"
         raise ValueError(msg)
-    size = math.prod(shape) * dtype.itemsize
-    if size != len(data) - start:
-        msg = f"{name}: got {len(data) - start} bytes; its shape {shape} needs {size}"
+    size, got = math.prod(shape) * dtype.itemsize, len(data) - stream.tell()
+    if size != got:
+        msg = f"{name}: got {got} bytes; its shape {shape} needs {size}"
         raise ValueError(msg)
     if not size:
         return np.empty(shape, dtype)
-    return np.frombuffer(data, dtype, offset=start).reshape(shape, order=order).copy(order)
-
-
-def _header(data: bytes) -> tuple[tuple[int, ...], Any, np.dtype[Any], int]:
-    """Return the shape, order and type of an array, and where its numbers begin."""
-    form = HEADERS[data[:8]]
-    start = 8 + struct.calcsize(form)
-    (length,) = struct.unpack(form, data[8:start])
-    if length > LONGEST_HEADER:
-        msg = f"got a header of {length} bytes; allowed: at most {LONGEST_HEADER}"
-        raise ValueError(msg)
-    header = ast.literal_eval(data[start : start + length].decode("latin-1").strip())
-    shape, order, dtype = header["shape"], header["fortran_order"], header["descr"]
-    counts = isinstance(shape, tuple) and all(type(n) is int and n >= 0 for n in shape)
-    if not (counts and isinstance(dtype, str) and len(shape) <= MOST_AXES):
-        msg = f"got shape {shape} and type {dtype!r}"
-        raise ValueError(msg)
-    return shape, "F" if order else "C", np.dtype(dtype), start + length
+    order = "F" if is_fortran else "C"
+    return np.frombuffer(stream.read(), dtype).reshape(shape, order=order).copy(order)
 
 
 def read_array(path: str | PathLike[str], *, most: int) -> NDArray[Any]:
