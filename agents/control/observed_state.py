@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from agents.control.actuators import Actuators
 from agents.control.controller import Info, Memory, Observation, StateSource, chosen
 from agents.control.model import Model, covariance, state_scales
-from agents.control.scene import plant_of
+from agents.control.scene import beginning, plant_of
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array, Single
 
@@ -32,7 +32,7 @@ class ObservedActuators(StateSource):
 
     def __init__(self, scene: Scene) -> None:
         self.frame, self.actuators = Frame(scene), Actuators(scene)
-        begun = [_beginning(scene, name) for name in scene.actuation.names]
+        begun = [beginning(scene, name) for name in scene.actuation.names]
         self.begun = np.clip(begun, self.actuators.low, self.actuators.high)
         self.tuned = {  # column of an action -> that of the channel which shows what it tunes
             k: self.frame.names.index(name)
@@ -65,20 +65,6 @@ class ObservedActuators(StateSource):
                 )
             applied, asked = chosen(first, begun, applied), chosen(first, begun, asked)
         return {**memory, "step": memory["step"] + 1, "applied": applied, "asked": asked}
-
-
-def _beginning(scene: Scene, name: str) -> float:
-    """Return what an actuator has when an episode begins, the middle of a range."""
-    if name == "stretch":
-        start = scene.initial.stretch
-        values = scene.springs.stretch if start is None else start
-    elif name in {"damping", "voltage"}:
-        damped = str(scene.actuation.damped)
-        part, field = damped.split(".")
-        values = scene.range_of(damped, getattr(getattr(scene, part), field))
-    else:
-        return 0.0
-    return float(np.mean(values))
 
 
 def _may_mislead(scene: Scene) -> bool:

@@ -35,6 +35,16 @@ def nominal(scene: Scene, name: str) -> float:
     return float(np.mean(scene.range_of(name, np.inf if stated is None else stated)))
 
 
+def beginning(scene: Scene, actuator: str) -> float:
+    """Return what an actuator has when an episode begins, the middle of a range."""
+    if actuator == "force":
+        return 0.0
+    if actuator == "stretch":
+        start = scene.initial.stretch
+        return float(np.mean(scene.springs.stretch if start is None else start))
+    return nominal(scene, str(scene.actuation.damped))
+
+
 def sphere_springs(scene: Scene) -> Callable[[Array], Array]:
     """Return the springs' force [N] on the carriage over relative displacements x2 - x1 [m].
 

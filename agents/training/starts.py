@@ -12,8 +12,8 @@ import numpy as np
 from scipy.linalg import block_diag, solve_discrete_lyapunov
 
 from agents.control.actuators import Command
-from agents.control.observed_state import ROWS
-from agents.control.scene import plant_of
+from agents.control.observed_state import ROWS, Frame
+from agents.control.scene import beginning, plant_of
 from agents.controllers.adjustable import Adjustable
 from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clipped_lqr
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
@@ -295,12 +295,10 @@ class Shown:
     """
 
     def __init__(self, scene: Scene, *, filtered: bool = False) -> None:
-        plant, self.filtered = compile_scene(scene), filtered
-        self.channels = [channel.name for channel in plant.observed]
-        self.frame, self.count = len(self.channels), len(self.channels) * plant.history
-        self.units = np.array([1.0 / channel.factor for channel in plant.observed])
-        self.zeros = np.array([channel.zero for channel in plant.observed])
-        self.history, self.actions = plant.history, len(scene.actuation.names)
+        frame, self.history, self.filtered = Frame(scene), plant_of(scene).history, filtered
+        self.channels, self.units, self.zeros = frame.names, frame.unit, frame.zero
+        self.frame, self.count = len(self.channels), len(self.channels) * self.history
+        self.actions = len(scene.actuation.names)
         self.state = self.frame_state(0)
 
     def frame_state(self, age: int) -> Array:
@@ -385,17 +383,9 @@ def without_control(scene: Scene) -> Policy:
 
 def _none(scene: Scene, shown: Shown) -> Start:
     direct = np.zeros((shown.actions, 1 + shown.count))
-    if scene.actuation.stretch is not None:
-        assert scene.springs.kind != "none"  # noqa: S101 - the scene guarantees it
-        own = scene.springs.stretch if scene.initial.stretch is None else scene.initial.stretch
-        present = np.full(1, np.mean(own))
-        direct[scene.actuation.names.index("stretch"), :1] = Command(scene, "stretch")(
-            present, present
-        )[0]
-    if (damped := scene.actuation.damped) is not None:
-        held = np.full(1, np.mean(scene.range_of(damped, scene.value_of(damped))))
-        command = Command(scene, device_of(scene))
-        direct[command.column, :1] = command(held, held)[0]
+    for row, name in zip(direct, scene.actuation.names, strict=True):
+        held = np.full(1, beginning(scene, name))
+        row[:1] = Command(scene, name)(held, held)[0]
     return Start(np.empty((0, 2, shown.count)), np.empty((0, 4)), direct, np.empty(0))
 
 
