@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from agents.evaluation.conclusions import Comparison, Row
+from agents.evaluation.conclusions import Comparison
 from agents.evaluation.contestants import Episodes, Field
 from agents.evaluation.studies import DELAY, NOISE, NOMINAL, Motions, Studies, TaskResult
 from agents.report.comparison import against, episodes_in_words, paired_cells
@@ -62,47 +62,20 @@ class Group:
     linked: bool = False
 
 
-@dataclass(frozen=True)
-class OnPage:
-    """A task on the page: its table, its controllers in the charts, and the charts."""
-
-    # name, against, span: the task, what is compared with, and the ends of the bars of the table
-    # [-]
-    name: str
-    against: str
-    span: tuple[float, float]
-    # rows, not_scored: of the table
-    rows: Sequence[Row]
-    not_scored: Sequence[str]
-    labels: list[str]  # of the controllers in the charts, the agents first
-    agents: int  # how many of them were asked for by name
-    groups: list[Group]  # the charts
-    springs: bool  # whether springs hold the sphere
-    scene: dict[str, str]  # its digest, and its fields by dotted name
-    runs: dict[str, dict[str, str]]  # what the record of each run says, by its folder
-
-
 STUDIED = Studies(robustness=True, frequency=True, motions=True)  # what the page takes
 
 
 def report_page(compared: Field, comparison: Comparison) -> str:
     """Return the page of a comparison that was measured with `STUDIED`."""
-    tasks = [
-        _on_page(compared, comparison, result, short_name(result.task))
-        for result in comparison.results
-    ]
+    tasks = [_on_page(compared, comparison, result) for result in comparison.results]
     charts = [
-        {
-            "labels": task.labels,
-            "agents": task.agents,
-            "springs": task.springs,
-            "groups": [asdict(group) for group in task.groups],
-        }
+        {name: task[name] for name in ("labels", "agents", "springs")}
+        | {"groups": [asdict(group) for group in task["groups"]]}
         for task in tasks
     ]
     return web_page(
         "report",
-        title=", ".join(task.name for task in tasks),
+        title=", ".join(task["name"] for task in tasks),
         episodes=episodes_in_words(comparison),
         tasks=tasks,
         overall=comparison.overall,
@@ -124,7 +97,8 @@ def _place(value: float, span: tuple[float, float]) -> str:
     return f"{100.0 * min(max(place, 0.0), 1.0):.2f}"
 
 
-def _on_page(compared: Field, comparison: Comparison, result: TaskResult, name: str) -> OnPage:
+def _on_page(compared: Field, comparison: Comparison, result: TaskResult) -> dict[str, Any]:
+    """Return a task on the page: its table, its controllers in the charts, and the charts."""
     scene, rows = compared.scenes[result.task], comparison.tables[result.task]
     labels, found = list(result.motions), list(result.motions.values())
     groups = [
@@ -135,19 +109,20 @@ def _on_page(compared: Field, comparison: Comparison, result: TaskResult, name: 
         _robustness(result),
     ]
     fields = by_dotted_name(scene.model_dump(mode="json"))
-    return OnPage(
-        name=name,
-        against=against(result),
-        span=(min(row.cost.low for row in rows), max(row.cost.high for row in rows)),
-        rows=rows,
-        not_scored=not_scored_cells(result.not_scored),
-        labels=labels,
-        agents=sum(one.label in labels for one in compared.contestants),
-        groups=[group for group in groups if group.panels],
-        springs=scene.springs.kind != "none",
-        scene={"digest": scene.digest} | {key: str(value) for key, value in fields.items()},
-        runs=_runs(compared, result.task),
-    )
+    return {
+        "name": short_name(result.task),
+        "against": against(result),
+        # The ends of the bars of the table [-].
+        "span": (min(row.cost.low for row in rows), max(row.cost.high for row in rows)),
+        "rows": rows,
+        "not_scored": not_scored_cells(result.not_scored),
+        "labels": labels,  # of the controllers in the charts, the agents first
+        "agents": sum(one.label in labels for one in compared.contestants),
+        "groups": [group for group in groups if group.panels],
+        "springs": scene.springs.kind != "none",
+        "scene": {"digest": scene.digest} | {key: str(value) for key, value in fields.items()},
+        "runs": _runs(compared, result.task),
+    }
 
 
 def _median_episode(result: TaskResult) -> int:
