@@ -8,7 +8,7 @@ page of all, ``runs/NAME/report.html``.
 from pathlib import Path
 
 from agents.commands._search import search_and_score
-from agents.commands.report import write_report
+from agents.commands.report import Arguments, write_report
 from agents.commands.train import train_and_report
 from agents.controllers.learned import Learned
 from agents.errors import command
@@ -57,5 +57,5 @@ def main() -> None:
     network = Learned(load_policy(Run(evolved.name).policy), "evolved network")
     planner = Planner(trained.load_scene(), {}, EFFORT)
     train_and_report(trained, [planner, network], episodes=EPISODES, name="PPO")
-    folders = [str(Run(name).folder) for name in (evolved.name, trained.name)]
-    write_report(folders, Run(trained.name).folder / "report.html")
+    folders = str(Run(evolved.name).folder), str(Run(trained.name).folder)
+    write_report(Arguments(folders, out=Run(trained.name).folder / "report.html"))

@@ -7,7 +7,6 @@ anywhere.
 """
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -57,19 +56,19 @@ def main(arguments: Arguments) -> str | None:
         return "error: got nothing to report on; allowed: the folder of a run, runs/NAME"
     if arguments.processes < 1:
         return f"error: --processes: got {arguments.processes}; allowed: at least 1"
-    write_report(arguments.subjects, arguments.out, arguments)
+    write_report(arguments)
     return None
 
 
-def write_report(subjects: Sequence[str], out: Path, arguments: Arguments | None = None) -> None:
+def write_report(wanted: Arguments) -> None:
     """Compare, and write the page.
 
     Raise `SceneError` if the page were too large, or cannot be written; and as `read_field` does.
     """
-    wanted = arguments or Arguments(tuple(subjects))
+    out, named = wanted.out, wanted.subjects
     check_outputs([out])
-    also = (BASELINES,) if wanted.baselines and BASELINES not in subjects else ()
-    named = (*subjects, *also)
+    if wanted.baselines and BASELINES not in named:
+        named = (*named, BASELINES)
     compared = read_field(named, wanted.tasks, wanted.reward, trust=wanted.trust)
     episodes = Episodes.of_field(compared, wanted.seeds, wanted.episodes, first=wanted.first_seed)
     results = measure(compared, episodes, STUDIED, wanted.processes)
