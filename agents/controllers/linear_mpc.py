@@ -14,7 +14,6 @@ from scipy.sparse import csc_matrix
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
-from agents.control.feedback import Feedback
 from agents.control.scene import force_weight, nominal, plant_of, require_number
 from agents.control.trajectories import ends_of
 from agents.controllers.lqr import design, problem_of
@@ -206,11 +205,6 @@ def _solver(hessian: Array, moved: Array, bounds: tuple[Array, Array]) -> Any:  
     return solver
 
 
-def constrained_mpc(scene: Scene, limits: Limits | None = None) -> Feedback:
-    """Return linear MPC within limits, by default those at which the scene's episodes end."""
-    return Feedback(scene, LinearMPC(scene, limits=limits or Limits.of(scene)))
-
-
 _without_limits = unless(
     lambda scene: bool(ends_of(scene.objective)),
     "which keeps limits; objective.displacement_limit and objective.rail_half_length: missing",
@@ -221,7 +215,7 @@ ENTRIES = (
     Entry(
         "constrained-mpc",
         ("force",),
-        constrained_mpc,
+        lambda scene: LinearMPC(scene, limits=Limits.of(scene)),
         52,
         "further",
         refuses=lambda scene: _without_limits(scene) or without_weight(scene),

@@ -10,6 +10,7 @@ from scipy.linalg import solve_discrete_lyapunov
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
+from agents.control.model import state_scales
 from agents.control.observed_state import Frame
 from agents.control.scene import STATES, drawn_but, force_weight, plant_of, require_number
 from agents.controllers.lqr import (
@@ -62,7 +63,6 @@ class LQGDesign:
 
     # The sampled plant with lag, delay and the noise's filters among its states.
     system: LinearSystem
-    regulated: tuple[int, ...]  # states that the cost depends on, and that are fed back
     gain: Array  # (n,) [N per unit]; zero for all other states
     filters: Array  # (steps, n, p): the gain in each step, of which the last is the stationary one
     start: Array  # (n,): mean of the state when an episode begins
@@ -114,7 +114,7 @@ def design_lqg(
     own = gain[list(regulated)]
     cost = float(np.sum(riccati * system.process_noise[rows]))
     cost += float(curvature * own @ error[rows] @ own)
-    return LQGDesign(system, regulated, gain, filters, start, error, cost)
+    return LQGDesign(system, gain, filters, start, error, cost)
 
 
 def design_filter(
@@ -232,10 +232,7 @@ def _with_wandering_phases(scene: Scene, system: LinearSystem) -> LinearSystem:
 
 
 def _unmodelled(scene: Scene, part: float, size: int) -> Array:
-    scales = scene.objective
-    spread = np.zeros(size)
-    spread[:2], spread[2:4] = scales.displacement_scale, scales.velocity_scale
-    return (part * spread) ** 2
+    return np.pad((part * state_scales(scene)) ** 2, (0, size - len(STATES)))
 
 
 def _initial(scene: Scene, system: LinearSystem) -> tuple[Array, Array]:

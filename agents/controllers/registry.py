@@ -185,13 +185,9 @@ class Tunable:
 
         The spread is over that of a search's first trials.
         """
-        pairs, numbers = self.free(scene).items(), self.numbers(scene)
+        numbers = self.numbers(scene)
         drawn = spread * generator.standard_normal(len(numbers))
-        moved = {
-            name: float(one.value(float(z), numbers[name]))
-            for (name, one), z in zip(pairs, drawn, strict=True)
-        }
-        return self.design(scene, moved)
+        return self.design(scene, self.at(scene, drawn, numbers))
 
 
 def unless(holds: Callable[[Scene], bool], reason: str) -> Callable[[Scene], str | None]:

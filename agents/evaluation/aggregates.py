@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta, norm, t, trim_mean
+from scipy.stats import binomtest, norm, t, trim_mean
 
 from mm_gym.arrays import Array
 
@@ -184,7 +184,5 @@ def _margin(error: float, count: int) -> float:
 
 def proportion(successes: int, trials: int) -> Estimate:
     """Return a proportion with its interval, that of Clopper and Pearson (Biometrika 26, 1934)."""
-    failures = trials - successes
-    low = beta.ppf(0.025, successes, failures + 1) if successes else 0.0
-    high = beta.ppf(0.975, successes + 1, failures) if failures else 1.0
-    return Estimate(successes / trials, float(low), float(high))
+    ends = binomtest(successes, trials).proportion_ci()
+    return Estimate(successes / trials, float(ends.low), float(ends.high))

@@ -184,7 +184,9 @@ class Run:
             stream.truncate()
             stream.write(f"{HOLDER}{os.getpid()} on {platform.node()}")
             stream.flush()
-            self._delete_partial_files()
+            files = self.record, self.checkpoint, self.metrics, self.times, self.ending, self.policy
+            for file in files:  # temporary ones, of a process that was killed while it wrote
+                delete_partial(file)
             yield
 
     @property
@@ -199,12 +201,6 @@ class Run:
             f"{self.folder}: {holder} is training this run; "
             "wait for its end, or choose another name with --name"
         )
-
-    def _delete_partial_files(self) -> None:
-        """Delete the temporary files of a process that was killed while it wrote."""
-        files = self.record, self.checkpoint, self.metrics, self.times, self.ending, self.policy
-        for file in files:
-            delete_partial(file)
 
     def open(self, settings: RunSettings) -> None:
         """Begin the run, or continue one of the same settings.

@@ -6,7 +6,7 @@ from scipy.optimize import minimize
 from tasks import ACTIVE_MASS_DAMPER, CARRIAGE_FORCE
 
 from agents.control.feedback import Feedback, TrueState
-from agents.controllers.linear_mpc import KEPT, Limits, LinearMPC, constrained_mpc
+from agents.controllers.linear_mpc import KEPT, Limits, LinearMPC
 from agents.controllers.lqr import design, problem_of
 from agents.controllers.registry import laws, obstacle
 from agents.scoring import evaluate
@@ -123,10 +123,10 @@ def test_limits_are_of_the_scene_unless_stated() -> None:
     scene = ACTIVE_MASS_DAMPER.replace(**{"objective.displacement_limit": 0.02})
     rail = scene.objective.rail_half_length
     assert Limits.of(scene) == Limits(displacement=KEPT * 0.02, stroke=KEPT * rail)
-    assert constrained_mpc(scene).law.free.shape[0] == 2 * 30
-    stated = Limits(coupling_force=2.0)
-    assert constrained_mpc(scene, stated).law.free.shape[0] == 30
-    assert constrained_mpc(scene).name == "linear MPC, 30 steps ahead, within limits"
+    found = laws(scene)["constrained-mpc"](scene)
+    assert found.law.free.shape[0] == 2 * 30
+    assert LinearMPC(scene, limits=Limits(coupling_force=2.0)).free.shape[0] == 30
+    assert found.name == "linear MPC, 30 steps ahead, within limits"
 
 
 def test_no_episode_ends_early_within_limits() -> None:
