@@ -19,6 +19,7 @@ from agents.network.policy import FORMAT, PARTS, Policy, network, policy_of, tak
 from agents.value_table.policy import TablePolicy, table_policy
 from mm_gym import DesignError, SceneError
 from mm_gym.arrays import Array
+from mm_gym.errors import refuse
 from mm_gym.files import read_bytes
 from mm_gym.scene import Document
 
@@ -65,8 +66,7 @@ class Deployed:
             self.frames = np.tile(frame, (self.interface.history, 1))
             self.memory = self.policy.begin(1)
         if self.frames is None:
-            msg = f"t: got {t:g} in the first step; allowed: 0, where an episode begins"
-            raise DesignError(msg)
+            refuse("t", f"{t:g} in the first step", "0, where an episode begins", DesignError)
         self.frames = np.vstack([self.frames, frame])[-self.interface.history :]
         (action,), self.memory = self.policy.step(self.frames.reshape(1, -1), self.memory)
         return self.interface.commanded(action)
@@ -153,6 +153,5 @@ def old_policy(description: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]
         **{name: own[name] for name in parts},
     )
     if policy.sizes != list(told.sizes):
-        msg = f"sizes: got {list(told.sizes)}; allowed: {policy.sizes}, as the arrays have"
-        raise ValueError(msg)
+        refuse("sizes", f"{list(told.sizes)}", f"{policy.sizes}, as the arrays have", ValueError)
     return policy

@@ -41,6 +41,7 @@ from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
 from agents.training.parts import agent_of, recorded_parts, trained_parts
 from agents.training.runs import Run
 from mm_gym import Scene, SceneError, load_scene, rewarded
+from mm_gym.errors import refuse
 from mm_gym.files import check_outputs
 from mm_gym.tasks import task_or_scene
 
@@ -222,13 +223,11 @@ def evaluate_one(arguments: Arguments) -> None:
     """Report on one run or on --controller; raise `SceneError` for flags that do not fit."""
     episodes = SINGLE if arguments.episodes is None else arguments.episodes
     if episodes < 1:
-        msg = f"--episodes: got {episodes}; allowed: at least 1"
-        raise SceneError(msg)
+        refuse("--episodes", f"{episodes}", "at least 1")
     subject, path = Path(arguments.subjects[0]), arguments.policy
     if arguments.controller is not None:
         if path is not None:
-            msg = f"--policy: got {path} and --controller; allowed: one of them"
-            raise SceneError(msg)
+            refuse("--policy", f"{path} and --controller", "one of them")
         scene = rewarded(load_scene(task_or_scene(subject.as_posix())), arguments.reward)
         report(user_defined(arguments.controller, scene), scene, episodes, arguments.out)
         return

@@ -23,8 +23,8 @@ from agents.evaluation.headroom import LEARNED, SCORES, read_scores, scored
 from agents.report.published import controller_of, read_published
 from agents.report.score_pages import RANKING, ranking_page
 from agents.training.runs import RunError
-from mm_gym import SceneError, load_scene
-from mm_gym.errors import suggest
+from mm_gym import load_scene
+from mm_gym.errors import check_name, refuse
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, task_called
 
@@ -49,9 +49,7 @@ def of_controllers(names: Sequence[str], tasks: Sequence[str]) -> Iterator[tuple
     """Yield the tasks and rows of classical controllers."""
     known = sorted({entry.name for entry in every_entry()})
     for name in names:
-        if name not in known:
-            msg = f"--controllers: got {name!r}{suggest(name, known)}; allowed: {', '.join(known)}"
-            raise SceneError(msg)
+        check_name("--controllers", name, known)
     for task in map(task_called, tasks or ids()):
         scene = load_scene(task)
         for entry in entries(scene):
@@ -89,8 +87,7 @@ def _role(entry: Entry) -> str:
     if entry.name == "predictive-control":
         return "predictive"
     if entry.role == "any":
-        msg = f"--controllers: got {entry.name!r}; allowed: a controller of some actuators"
-        raise SceneError(msg)
+        refuse("--controllers", f"{entry.name!r}", "a controller of some actuators")
     return "informed" if entry.role == "informed" else "law"
 
 

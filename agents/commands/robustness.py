@@ -19,7 +19,8 @@ from agents.evaluation.rigs import EPISODES, FILE, read_robustness, scores_of, t
 from agents.report.published import published_agents, read_published
 from agents.report.score_pages import ROBUSTNESS, robustness_page
 from agents.sweeps.results import read_results
-from mm_gym import SceneError, load_scene
+from mm_gym import load_scene
+from mm_gym.errors import check_name
 from mm_gym.files import write_text
 from mm_gym.tasks import robust_ids, short_name, task_called
 
@@ -42,10 +43,7 @@ def main(arguments: Arguments) -> None:
     variants, agents = robust_ids(), agents_of(arguments.runs)
     wanted = list(map(task_called, arguments.tasks or variants))
     for variant in wanted:
-        if variant not in variants:
-            allowed = ", ".join(map(short_name, variants))
-            msg = f"tasks: got {short_name(variant)!r}; allowed: {allowed}"
-            raise SceneError(msg)
+        check_name("tasks", short_name(variant), map(short_name, variants))
     of_wanted = {*wanted, *map(task_of, wanted)}
     for task, policy in published_agents(of_wanted, read_published()):
         agents.setdefault(task, []).append(policy)

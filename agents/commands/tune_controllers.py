@@ -25,7 +25,7 @@ from agents.controllers.searched import REFUSED, finalists, further_cost, trials
 from agents.errors import command
 from agents.scoring import written
 from mm_gym import DesignError, Scene, SceneError, load_scene
-from mm_gym.errors import suggest
+from mm_gym.errors import refuse, suggest
 from mm_gym.files import check_outputs, read_json, write_text
 from mm_gym.tasks import ids, task_or_scene
 
@@ -137,8 +137,7 @@ def main(arguments: Arguments) -> None:
     """Tune from the command line."""
     out = arguments.out
     if arguments.trials < 1:
-        msg = f"--trials: got {arguments.trials}; allowed: at least 1"
-        raise SceneError(msg)
+        refuse("--trials", f"{arguments.trials}", "at least 1")
     check_outputs([out])
     if os.path.lexists(out):
         read_found(out)  # what is wrong with it is told before the search

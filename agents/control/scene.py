@@ -8,6 +8,7 @@ import numpy as np
 from mm_gym import DesignError, Plant, Scene, compile_scene
 from mm_gym.analysis import spring_force
 from mm_gym.arrays import Array
+from mm_gym.errors import refuse
 
 STATES = ("x1", "x2", "v1", "v2")
 
@@ -97,8 +98,7 @@ def require_number(name: str, value: float, low: float = 0.0, high: float = inf)
     """Raise `DesignError` unless a number is finite, at least `low` and at most `high`."""
     if not (low <= value <= high and abs(value) < inf):
         end = "" if high == inf else f" and at most {high:g}"
-        msg = f"{name}: got {value!r}; allowed: a finite number of at least {low:g}{end}"
-        raise DesignError(msg)
+        refuse(name, f"{value!r}", f"a finite number of at least {low:g}{end}", DesignError)
 
 
 def force_weight(scene: Scene) -> float:
@@ -121,8 +121,7 @@ def force_weight(scene: Scene) -> float:
         )
         raise DesignError(msg)
     if actuator.command == "rate":
-        msg = "actuation.force.command: got 'rate'; allowed: 'position'"
-        raise DesignError(msg)
+        refuse("actuation.force.command", "'rate'", "'position'", DesignError)
     if weight == 0.0:
         msg = (
             "objective.effort_weight: got 0; "

@@ -20,6 +20,7 @@ from agents.controllers.lqr import design, problem_of
 from agents.controllers.registry import Entry, regulator_entry, unless, without_weight
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
+from mm_gym.errors import refuse
 
 MOST_STEPS = 1000  # longest horizon; the matrices have the square of its size
 RHO = 0.1  # step size with which the solver begins
@@ -54,8 +55,7 @@ class Limits:
             number = isinstance(value, int | float) and not isinstance(value, bool)
             absent = value is None and field.name != "penalty"
             if not (absent or (number and 0.0 < value < inf)):
-                msg = f"{field.name}: got {value!r}; allowed: a finite number greater than 0"
-                raise DesignError(msg)
+                refuse(field.name, f"{value!r}", "a finite number greater than 0", DesignError)
 
     @classmethod
     def of(cls, scene: Scene, kept: float = KEPT) -> "Limits":
@@ -95,8 +95,7 @@ class LinearMPC(Law):
 
     def __init__(self, scene: Scene, horizon: int = 30, limits: Limits | None = None) -> None:
         if not (isinstance(horizon, int) and 1 <= horizon <= MOST_STEPS):
-            msg = f"horizon: got {horizon!r}; allowed: 1 to {MOST_STEPS} control steps"
-            raise DesignError(msg)
+            refuse("horizon", f"{horizon!r}", f"1 to {MOST_STEPS} control steps", DesignError)
         force_weight(scene)
         limits = limits or Limits()
         rows = limits.rows(scene)

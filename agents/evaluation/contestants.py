@@ -21,7 +21,7 @@ from agents.training.parts import agent_of, trained_parts
 from agents.training.runs import Run, RunError
 from mm_gym import OwnReward, Scene, SceneError, load_scene, rewarded
 from mm_gym.arrays import Array
-from mm_gym.errors import check_name, suggest
+from mm_gym.errors import check_name, refuse, suggest
 from mm_gym.tasks import ids, robust_ids, short_name, task_or_scene
 from mm_gym.user_code import is_path
 
@@ -89,16 +89,13 @@ class Episodes:
         each = EACH if each is None else each
         if seeds < 1 or (trainings > 1 and seeds != trainings):
             allowed = "at least 1" if trainings == 1 else f"{trainings}, as many as there are runs"
-            msg = f"--seeds: got {seeds}; allowed: {allowed}"
-            raise SceneError(msg)
+            refuse("--seeds", f"{seeds}", allowed)
         if each < LEAST:
-            msg = f"--episodes: got {each}; allowed: at least {LEAST}, to estimate their scatter"
-            raise SceneError(msg)
+            refuse("--episodes", f"{each}", f"at least {LEAST}, to estimate their scatter")
         last = VALIDATION_SEED - seeds * each
         if not HELD_OUT_SEED <= first <= last:
             allowed = f"{HELD_OUT_SEED} to {last}: laws are tuned, and agents trained, on others"
-            msg = f"--first-seed: got {first} for {seeds} x {each} episodes; allowed: {allowed}"
-            raise SceneError(msg)
+            refuse("--first-seed", f"{first} for {seeds} x {each} episodes", allowed)
         return cls(seeds, each, first)
 
     def of(self, number: int) -> Episodes:
@@ -184,8 +181,7 @@ def read_field(
     several = {text: count for text, (count, *_) in counts.items() if count > 1}
     if len(set(several.values())) > 1:
         told = ", ".join(f"{text} has {count}" for text, count in several.items())
-        msg = f"seeds: got different numbers of runs ({told}); allowed: the same for all, or one"
-        raise RunError(msg)
+        refuse("seeds", f"different numbers of runs ({told})", "the same for all, or one", RunError)
     labels = [one.label for one in found]
     distinct = tuple(
         replace(one, name=one.name if labels.count(one.label) == 1 else one.text, trust=trust)
@@ -315,8 +311,7 @@ def _trained(
     counts = {trained.name: len(trained.runs) for trained in runs.values()}
     if len(set(counts.values())) > 1:
         told = ", ".join(f"{count} of {name}" for name, count in counts.items())
-        msg = f"{text}: got {told}; allowed: the same number of runs of each task"
-        raise RunError(msg)
+        refuse(text, told, "the same number of runs of each task", RunError)
     folders = {
         task: tuple(str(run.folder) for run in runs[scene.digest].runs)
         for task, scene in scenes.items()

@@ -22,6 +22,7 @@ from numpy.lib import format as npy
 from numpy.typing import DTypeLike, NDArray
 from safetensors import SafetensorError
 
+from mm_gym.errors import refuse
 from mm_gym.files import parse_json, read_bytes
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -119,11 +120,9 @@ def array_in(data: bytes, name: str = "array") -> NDArray[Any]:
         msg = f"{name}: not an array: {error}"
         raise ValueError(msg) from None
     if not all(type(n) is int and n >= 0 for n in shape):
-        msg = f"{name}: got shape {shape}; allowed: numbers of at least 0"
-        raise ValueError(msg)
+        refuse(name, f"shape {shape}", "numbers of at least 0", ValueError)
     if dtype.kind not in KINDS or not dtype.itemsize:
-        msg = f"{name}: got type {dtype.str!r}; allowed: numbers or text"
-        raise ValueError(msg)
+        refuse(name, f"type {dtype.str!r}", "numbers or text", ValueError)
     size, got = math.prod(shape) * dtype.itemsize, len(data) - stream.tell()
     if size != got:
         msg = f"{name}: got {got} bytes; its shape {shape} needs {size}"
@@ -155,8 +154,7 @@ def numbers(
     with np.errstate(over="ignore"):
         array = np.ascontiguousarray(array, dtype).reshape(shape)
     if not np.isfinite(array).all():
-        msg = f"{name}: got numbers that are not finite; allowed: finite numbers"
-        raise ValueError(msg)
+        refuse(name, "numbers that are not finite", "finite numbers", ValueError)
     return array
 
 
@@ -169,8 +167,7 @@ def check_shapes(arrays: Arrays, shapes: Mapping[str, tuple[int, ...]]) -> None:
         array = arrays[name]
         if array.dtype.kind not in "biuf" or array.shape != shape:
             what = "text" if array.dtype.kind == "U" else f"shape {array.shape}"
-            msg = f"{name}: got {what}; allowed: finite numbers of shape {shape}"
-            raise ValueError(msg)
+            refuse(name, what, f"finite numbers of shape {shape}", ValueError)
 
 
 def described(arrays: Arrays) -> dict[str, object]:

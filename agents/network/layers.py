@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any, ClassVar, TypeAlias
 
 from mm_gym.arrays import Single
+from mm_gym.errors import check_name, refuse
 
 Numbers: TypeAlias = Any  # arrays of NumPy, tensors of torch, or signals
 
@@ -58,8 +59,7 @@ class Layer:
             got = tuple(getattr(self, name).shape)
             if got != shape:
                 allowed = f"finite numbers of shape {shape}"
-                msg = f"{self.kind}, {name}: got shape {got}; allowed: {allowed}"
-                raise ValueError(msg)
+                refuse(f"{self.kind}, {name}", f"shape {got}", allowed, ValueError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,10 +219,7 @@ class Activation(Layer):
     function: str
 
     def outputs(self, inputs: int) -> int:
-        if self.function not in FUNCTIONS:
-            allowed = ", ".join(FUNCTIONS)
-            msg = f"activation, function: got {self.function!r}; allowed: {allowed}"
-            raise ValueError(msg)
+        check_name("activation, function", self.function, FUNCTIONS, ValueError)
         return inputs
 
     def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
@@ -258,8 +255,7 @@ class Clip(Layer):
     def outputs(self, inputs: int) -> int:
         self.require(low=(inputs,), high=(inputs,))
         if not (self.low < self.high).all():
-            msg = f"low, high: got {self.low} and {self.high}; allowed: low < high"
-            raise ValueError(msg)
+            refuse("low, high", f"{self.low} and {self.high}", "low < high", ValueError)
         return inputs
 
     def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
@@ -393,8 +389,7 @@ class Residual(_Around):
         self.require(base=(k, inputs + 1))
         made = outputs_of(self.layers, inputs + k)
         if made != k:
-            msg = f"residual: got {made} outputs of the inner layers; allowed: {k}"
-            raise ValueError(msg)
+            refuse("residual", f"{made} outputs of the inner layers", f"{k}", ValueError)
         return made
 
     def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:

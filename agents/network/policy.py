@@ -31,6 +31,7 @@ from agents.network.layers import (
     run,
 )
 from mm_gym.arrays import Array, Single
+from mm_gym.errors import refuse
 from mm_gym.files import write_bytes
 
 Kind = TypeVar("Kind", bound=Layer)
@@ -167,8 +168,7 @@ def policy_of(description: Mapping[str, Any], arrays: Mapping[str, Single]) -> P
     """Return the policy that a file describes; raise `ValueError` where it is wrong."""
     observed, told = description.get("observed"), description.get("layers")
     if type(observed) is not int or observed < 1 or not isinstance(told, list) or not told:
-        msg = f"observed, layers: got {observed!r} and {told!r}; allowed: a number and a list"
-        raise ValueError(msg)
+        refuse("observed, layers", f"{observed!r} and {told!r}", "a number and a list", ValueError)
     left = dict(arrays)
     policy = Policy(_read(told, left, ""), observed)
     if left:
@@ -183,15 +183,13 @@ DEEPEST = 4  # layers within layers that are read
 def _read(told: object, left: dict[str, Single], prefix: str) -> tuple[Layer, ...]:
     """Return layers, and take their arrays out of those that are left."""
     if not isinstance(told, list) or prefix.count("layers") > DEEPEST:
-        msg = f"{prefix}layers: got {told!r}; allowed: a list, at most {DEEPEST} deep"
-        raise ValueError(msg)
+        refuse(f"{prefix}layers", f"{told!r}", f"a list, at most {DEEPEST} deep", ValueError)
     found: list[Layer] = []
     for number, entry in enumerate(told):
         own = f"{prefix}{number}."
         kind = KINDS.get(entry.get("kind")) if isinstance(entry, dict) else None
         if kind is None:
-            msg = f"{own}kind: got {entry!r}; allowed: {', '.join(KINDS)}"
-            raise ValueError(msg)
+            refuse(f"{own}kind", f"{entry!r}", ", ".join(KINDS), ValueError)
         given: dict[str, Any] = {name: value for name, value in entry.items() if name != "kind"}
         names = [one.name for one in fields(kind)]  # pyright: ignore[reportArgumentType] - a dataclass
         for name in names:
@@ -200,8 +198,7 @@ def _read(told: object, left: dict[str, Single], prefix: str) -> tuple[Layer, ..
             elif name not in given:
                 given[name] = taken(left, own + name)
         if set(given) != set(names):
-            msg = f"{own}{kind.kind}: got {', '.join(given)}; allowed: {', '.join(names)}"
-            raise ValueError(msg)
+            refuse(f"{own}{kind.kind}", ", ".join(given), ", ".join(names), ValueError)
         _check_settings(kind, given, own)
         found.append(kind(**given))
     return tuple(found)
@@ -214,16 +211,14 @@ def _check_settings(kind: type[Layer], given: Mapping[str, Any], own: str) -> No
         wanted, value = types.get(str(own_field.type)), given[own_field.name]
         wrong = wanted is not None and (not isinstance(value, wanted) or value is True)
         if wrong or (wanted is None and not isinstance(value, np.ndarray | tuple)):
-            msg = f"{own}{own_field.name}: got {value!r}; allowed: {own_field.type}"
-            raise ValueError(msg)
+            refuse(f"{own}{own_field.name}", f"{value!r}", f"{own_field.type}", ValueError)
 
 
 def taken(left: dict[str, Single], name: str) -> Single:
     """Return one of several arrays, and drop it there; raise `ValueError` if it is none."""
     if name not in left or not left[name].ndim or not left[name].size:
         got = f"shape {left[name].shape}" if name in left else "nothing"
-        msg = f"{name}: got {got}; allowed: an array of finite numbers"
-        raise ValueError(msg)
+        refuse(name, got, "an array of finite numbers", ValueError)
     found = numbers(left, name, left[name].shape, np.float32)
     del left[name]
     return found
@@ -257,8 +252,7 @@ def network(
     given = {name: value for name, value in optional.items() if np.isscalar(value) or len(value)}
     for one, other in (("keep", "enter"), ("pairs", "units")):
         if (one in given) != (other in given):
-            msg = f"{one}, {other}: got one without the other; allowed: both, or none"
-            raise ValueError(msg)
+            refuse(f"{one}, {other}", "one without the other", "both, or none", ValueError)
     dense: list[Layer] = []
     for weight, bias in zip(weights, biases, strict=True):
         dense += [Activation(activation)] if dense else []

@@ -38,7 +38,7 @@ from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import MOST_TOLD, NONE, Run, RunError, by_dotted_name, read_as
 from agents.value_iteration.iteration import IterateSettings, iterate
 from mm_gym import SceneError
-from mm_gym.errors import suggest
+from mm_gym.errors import check_name, refuse
 from mm_gym.files import write_csv, write_text
 from mm_gym.scene import Document
 from mm_gym.tasks import ids, robust_ids
@@ -140,8 +140,10 @@ class SweepSettings(Document):
         """
         tasks = [short_name(task) for task in self.tasks]
         known = [short_name(task) for task in (*ids(), *robust_ids())]
-        _check_names("task_settings", self.task_settings, known)
-        _check_names("algorithm_settings", self.algorithm_settings, LEARNERS)
+        for task in self.task_settings:
+            check_name("task_settings", task, known)
+        for algorithm in self.algorithm_settings:
+            check_name("algorithm_settings", algorithm, LEARNERS)
         choices = itertools.product(tasks, self.algorithms, self.variants, range(self.seeds))
         trials = [self._trial(*choice) for choice in choices]
         check_scenes(trials)
@@ -243,8 +245,7 @@ def _table(
     """Return one of several tables of settings; refuse what is none."""
     own = tables[name]
     if not isinstance(own, dict):
-        msg = f"{what}.{name}: got {own!r}; allowed: a table of settings"
-        raise SceneError(msg)
+        refuse(f"{what}.{name}", f"{own!r}", "a table of settings")
     return own
 
 
@@ -265,14 +266,6 @@ def _nested(settings: Iterable[tuple[str, JsonValue]]) -> dict[str, JsonValue]:
         else:
             table[last] = deepcopy(value)  # the next name may go into it
     return nested
-
-
-def _check_names(what: str, tables: Mapping[str, JsonValue], allowed: Sequence[str]) -> None:
-    """Refuse a table of settings for a name that there is not."""
-    for name in tables:
-        if name not in allowed:
-            msg = f"{what}: got {name!r}{suggest(name, allowed)}; allowed: {', '.join(allowed)}"
-            raise SceneError(msg)
 
 
 def do_trial(text: str, folder: str | Path) -> None:

@@ -20,6 +20,7 @@ from stable_baselines3.common.save_util import recursive_getattr
 from agents.network.files import check_shapes
 from agents.training.arrays import Arrays, part_of
 from agents.training.lanes import TrainingLanes
+from mm_gym.errors import refuse
 
 REPLAYED = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 """Arrays of a replay buffer, (steps, lanes, ...)."""
@@ -69,8 +70,7 @@ def _count(arrays: Arrays, name: str) -> int:
     check_shapes(arrays, {name: ()})
     number = int(arrays[name])  # pyright: ignore[reportArgumentType] - a number, as checked
     if number < 0:
-        msg = f"{name}: got {number}; allowed: 0 or more"
-        raise ValueError(msg)
+        refuse(name, f"{number}", "0 or more", ValueError)
     return number
 
 
@@ -242,8 +242,7 @@ def _restore_replayed(model: BaseAlgorithm, arrays: Arrays) -> None:
         buffer.pos, buffer.full = _count(arrays, "position"), bool(arrays["full"])
         filled = buffer.buffer_size if buffer.full else buffer.pos
         if not buffer.pos <= filled <= buffer.buffer_size:
-            msg = f"position: got {buffer.pos}; allowed: at most {buffer.buffer_size}"
-            raise ValueError(msg)
+            refuse("position", f"{buffer.pos}", f"at most {buffer.buffer_size}", ValueError)
         for name in REPLAYED:
             own = getattr(buffer, name)
             check_shapes(arrays, {name: (filled, *own.shape[1:])})

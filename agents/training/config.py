@@ -213,8 +213,7 @@ class RunSettings(Document):
     def _can_be_found(self) -> Self:
         if not _is_plain(self.name):
             allowed = "a printable file name without separators, which begins with no dot"
-            msg = f"name: got {self.name!r}; allowed: {allowed}"
-            raise ValueError(msg)
+            refuse("name", f"{self.name!r}", allowed, ValueError)
         if self.reward is not None:
             split(self.reward, "reward")
         return self
@@ -371,10 +370,7 @@ class SearchSettings(TimedSettings):
         for field, find in SHARED.items():
             here, there = find(own), find(other)
             if here != there:
-                msg = (
-                    f"also: {self.also}: {field}: got {there!r}; allowed: {here!r}, as in the scene"
-                )
-                raise SceneError(msg)
+                refuse(f"also: {self.also}: {field}", f"{there!r}", f"{here!r}, as in the scene")
         return rewarded(other, self.reward)
 
     def scenes(self, scene: Scene, episodes: int) -> list[tuple[Scene, int]]:
@@ -386,8 +382,7 @@ class SearchSettings(TimedSettings):
         if other is None:
             return [(scene, episodes)]
         if episodes < 2:  # noqa: PLR2004 - one of each
-            msg = f"episodes: got {episodes} with also = {self.also!r}; allowed: at least 2"
-            raise SceneError(msg)
+            refuse("episodes", f"{episodes} with also = {self.also!r}", "at least 2")
         count = min(max(1, round(self.share * episodes)), episodes - 1)
         return [(scene, episodes - count), (other, count)]
 
