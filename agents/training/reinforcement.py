@@ -24,12 +24,11 @@ from agents.training.arrays import Arrays, damage_named, load_checkpoint, save_c
 from agents.training.checkpoint import restore, state_of
 from agents.training.config import TrainSettings
 from agents.training.lanes import make_lanes
-from agents.training.logs import FOLDER as LOGS
-from agents.training.logs import VALIDATION
 from agents.training.own_scene import for_own_scene
 from agents.training.parts import Parts, make_parts
 from agents.training.progress import Ending, Progress, told_part
 from agents.training.runs import Run, RunError
+from agents.training.search import LOGS, VALIDATION
 from mm_gym.files import write_bytes
 
 Report = Callable[[int, float], None]

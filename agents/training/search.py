@@ -1,11 +1,20 @@
-"""A search of a policy, round by round, that any kill leaves resumable."""
+"""A search of a policy, round by round, that any kill leaves resumable.
+
+Its log is written without torch.
+"""
 
 import math
+import os
 import sys
 import time
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar, Self
 
+from tensorboard.compat.proto.event_pb2 import Event
+from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.summary.writer.record_writer import RecordWriter
 from tqdm import tqdm
 
 from agents.controllers.learned import Learned
@@ -20,11 +29,49 @@ from agents.training.arrays import (
 )
 from agents.training.best import best_controller
 from agents.training.config import TimedSettings
-from agents.training.logs import VALIDATION, Log
 from agents.training.progress import Ending, Progress, told_part
 from agents.training.runs import Run
 from agents.training.starts import without_control
 from mm_gym import ActionError, Scene
+
+LOGS = "tensorboard"  # folder of the logs that TensorBoard shows, in that of a run
+
+VALIDATION = "validation/cost"
+"""The name of the cost on the validation episodes, the same for every training."""
+
+
+class Log:
+    """Numbers of a training over its control steps; a continued run adds a file to its folder.
+
+    Use it in a `with` statement, which closes the file. Readers leave out what a kill cut off.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        (folder / LOGS).mkdir(exist_ok=True)
+        # Readers find files by this beginning, and order them by name.
+        name = f"events.out.tfevents.{time.time():.6f}.{os.getpid()}"
+        self._file = (folder / LOGS / name).open("wb")
+        self._records = RecordWriter(self._file)
+        self._write(Event(wall_time=time.time(), file_version="brain.Event:2"))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def add(self, steps: int, numbers: Mapping[str, float]) -> None:
+        """Add numbers, each by its name, after so many control steps."""
+        values = [Summary.Value(tag=name, simple_value=value) for name, value in numbers.items()]
+        self._write(Event(step=steps, wall_time=time.time(), summary=Summary(value=values)))
+
+    def show(self) -> None:
+        """Let readers see what was added so far."""
+        self._file.flush()
+
+    def _write(self, event: Event) -> None:
+        self._records.write(event.SerializeToString())
+
 
 BETWEEN_SAVES = 5.0  # time between checkpoints [s]
 
