@@ -18,9 +18,8 @@ from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.scoring import evaluate
-from agents.training.best import best_controller
 from agents.training.config import CONFIGS, TrainSettings
-from agents.training.parts import agent_of, recorded_parts
+from agents.training.parts import agent_of, best_controller, recorded_parts
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 from mm_gym import DesignError, load_scene

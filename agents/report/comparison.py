@@ -15,8 +15,15 @@ from rich.console import Console
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.conclusions import THRESHOLDS, Comparison, Overall, Row
 from agents.evaluation.studies import DELAY, NOISE, NOMINAL, RECORD, TaskResult
-from agents.report.figures import logarithmic, study_label
-from agents.report.pages import not_scored_cells, percent, print_table, render, write_rows
+from agents.report.pages import (
+    logarithmic,
+    not_scored_cells,
+    percent,
+    print_table,
+    render,
+    study_label,
+    write_rows,
+)
 from mm_gym import SceneError
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.files import read_text, write_text

@@ -14,8 +14,7 @@ from agents.evaluation.conclusions import Comparison
 from agents.evaluation.contestants import Episodes, Field
 from agents.evaluation.studies import DELAY, NOISE, NOMINAL, Motions, Studies, TaskResult
 from agents.report.comparison import against, episodes_in_words, paired_cells
-from agents.report.figures import study_label
-from agents.report.pages import FOLDER, not_scored_cells, web_page
+from agents.report.pages import FOLDER, not_scored_cells, study_label, web_page
 from agents.scoring import FREQUENCY, spread_frequency
 from agents.training.runs import Run, by_dotted_name, commit, versions
 from mm_gym import Scene

@@ -14,9 +14,8 @@ from agents.control.scene import periods, plant_of
 from agents.controllers.constant import uncontrolled
 from agents.controllers.lqg import OF_ACTUATORS
 from agents.rollout import Rollout
-from agents.training.best import best_controller
 from agents.training.config import PPOSettings, RunSettings, TrainSettings
-from agents.training.parts import NO_BASE, base_controller
+from agents.training.parts import NO_BASE, base_controller, best_controller
 from agents.training.runs import Run
 from agents.training.scales import LANES, LEAST, SEED, size_of_actions
 from mm_gym import MovingMassVectorEnv, Scene

@@ -27,8 +27,8 @@ from agents.training.arrays import (
     load_checkpoint,
     save_checkpoint,
 )
-from agents.training.best import best_controller
 from agents.training.config import TimedSettings
+from agents.training.parts import best_controller
 from agents.training.progress import Ending, Progress, told_part
 from agents.training.runs import Run
 from agents.training.starts import without_control

@@ -6,7 +6,7 @@ import pytest
 
 from agents.controllers.registry import laws
 from agents.scoring import validation_cost
-from agents.training.best import Best
+from agents.training.parts import Best
 
 
 @pytest.fixture

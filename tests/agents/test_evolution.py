@@ -20,10 +20,9 @@ from agents.scoring import VALIDATION_SEED, evaluate, validation_cost
 from agents.sweeps.trials import do_trial, read_score
 from agents.training import search
 from agents.training.arrays import load_checkpoint, save_checkpoint
-from agents.training.best import Best
 from agents.training.config import training_seeds
 from agents.training.network import Network
-from agents.training.parts import Parts, agent_of, base_controller, make_parts, recorded_parts
+from agents.training.parts import Best, Parts, agent_of, base_controller, make_parts, recorded_parts
 from agents.training.progress import read_ending
 from agents.training.runs import Run, RunError
 from agents.training.scales import Scales, size_of_actions

@@ -11,8 +11,15 @@ from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 
 from agents.control.feedback import Feedback
 from agents.controllers.constant import ConstantAction, no_control
-from agents.report.figures import draw_costs, draw_response, look_of
-from agents.report.pages import percent, print_ranking, write_episodes, write_scores
+from agents.report.pages import (
+    draw_costs,
+    draw_response,
+    look_of,
+    percent,
+    print_ranking,
+    write_episodes,
+    write_scores,
+)
 from agents.scoring import Evaluation, evaluate
 
 if TYPE_CHECKING:
@@ -146,7 +153,7 @@ def test_figures_and_files_name_a_frequency_only_where_one_is_drawn(
         excitation=excitation, randomization=randomization, **{"control.steps": 20}
     )
     drawn: list[Figure] = []
-    monkeypatch.setattr("agents.report.figures.save", lambda figure, _: drawn.append(figure))
+    monkeypatch.setattr("agents.report.pages.save", lambda figure, _: drawn.append(figure))
     results = [
         evaluate(scene, law, episodes=30)
         for law in (Feedback(scene, no_control(scene)), ConstantAction(scene, 0.5))

@@ -22,12 +22,11 @@ from agents.gradient.settings import GradientSettings, fitted
 from agents.network.layers import Correlation
 from agents.policies import load_policy
 from agents.scoring import evaluate, validation_cost
-from agents.training import best as best_of
 from agents.training import own_scene, search, starts
-from agents.training.best import Best
+from agents.training import parts as best_of
 from agents.training.config import PPOSettings, TrainSettings, settings_from_command_line
 from agents.training.own_scene import misfits, print_misfits
-from agents.training.parts import Parts, agent_of, make_parts
+from agents.training.parts import Best, Parts, agent_of, make_parts
 from agents.training.progress import read_ending
 from agents.training.reinforcement import train
 from agents.training.runs import Run
