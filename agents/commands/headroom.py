@@ -36,12 +36,12 @@ from agents.evaluation.headroom import (
     preview,
     read_scores,
 )
-from agents.network.files import numbers, read_array
+from agents.network.files import array_in, numbers
 from agents.scoring import written
 from mm_gym import Scene, SceneError, compile_scene, load_scene
 from mm_gym.arrays import Array
 from mm_gym.errors import refuse
-from mm_gym.files import write_bytes, write_text
+from mm_gym.files import read_bytes, write_bytes, write_text
 from mm_gym.tasks import ids, path_of, short_name
 
 Row = dict[str, Any]
@@ -99,7 +99,9 @@ def score(
 def _kept_plans(file: Path, shape: tuple[int, ...]) -> Array:
     """Return the plans of an earlier search; raise `SceneError` if they are not of the scene."""
     try:
-        return numbers({"plans": read_array(file, most=MOST_BYTES)}, "plans", shape)
+        return numbers(
+            {"plans": array_in(read_bytes(file, most=MOST_BYTES), str(file))}, "plans", shape
+        )
     except SceneError:
         raise
     except ValueError as error:

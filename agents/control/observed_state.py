@@ -18,7 +18,7 @@ FLOOR = 1e-4
 
 STRETCHES = 9  # number of stretches at which the estimator's gain is computed; the nearest is used
 
-DELAY = "sensors.delay"
+DELAY, MISLEADING = "sensors.delay", ("sensors.dropout", "sensors.bias.")
 
 ACTUATED = {"applied_force": "force"}
 """Channels that show an actuator, and have another name."""
@@ -67,13 +67,6 @@ class ObservedActuators(StateSource):
         return {**memory, "step": memory["step"] + 1, "applied": applied, "asked": asked}
 
 
-def _may_mislead(scene: Scene) -> bool:
-    """Return whether sensors may be biased, or show a frame again."""
-    wrong = "sensors.dropout", "sensors.bias."
-    drawn = any(name.startswith(wrong) for name in scene.randomization)
-    return drawn or scene.sensors.dropout > 0.0 or any(scene.sensors.bias.values())
-
-
 class ObservedState(ObservedActuators):
     """Estimate the state from what an agent observes.
 
@@ -102,8 +95,10 @@ class ObservedState(ObservedActuators):
         self.unit, noise = self.frame.unit[self.shown], self.frame.noise[self.shown]
         self.noise = np.maximum(noise, FLOOR * self.unit)
         whole = bool(self.shown) and np.linalg.matrix_rank(self.c) == 4  # noqa: PLR2004
-        told = not noise.any() and not _may_mislead(scene)
-        self.exact = bool(whole and told and not self.is_weighed)
+        # Sensors may be biased, or show a frame again.
+        drawn = any(name.startswith(MISLEADING) for name in scene.randomization)
+        wrong = drawn or scene.sensors.dropout > 0.0 or any(scene.sensors.bias.values())
+        self.exact = bool(whole and not (noise.any() or wrong or self.is_weighed))
         self.inverse = np.linalg.pinv(self.c)
         self.gains = self.inverse[None] if self.exact else self._gains()
         self.model = Model(scene) if self.delays[-1] > 0 or not self.exact else None
@@ -208,8 +203,10 @@ class ObservedState(ObservedActuators):
             msg = f"sensors.channels: the state cannot be estimated from {names}"
             raise DesignError(msg)
         # In units of the scales, in which the Riccati equation is well conditioned.
-        units = state_scales(self.scene)
-        kept = self._coupled()
+        scene, units, kept = self.scene, state_scales(self.scene), [0, 1, 2, 3]
+        free = scene.interface.kind == "none" and scene.springs.kind == "none"
+        if free and not scene.actuation.is_between and not self.c[:, [1, 3]].any():
+            kept = [0, 2]  # not a sphere that nothing shows and nothing couples
         units, rows = units[kept], np.ix_(kept, kept)
         c = self.c[:, kept] * units / self.unit[:, None]
         disturbance = covariance(self.scene)[rows] / np.outer(units, units)
@@ -233,14 +230,6 @@ class ObservedState(ObservedActuators):
             self.spreads.append(spread)
         self.precisions = np.stack(precisions)  # of what is missed of a frame over its units
         return np.stack(gains)
-
-    def _coupled(self) -> list[int]:
-        """Return the states to estimate: an unseen sphere that nothing couples is none of them."""
-        scene = self.scene
-        free = scene.interface.kind == "none" and scene.springs.kind == "none"
-        if free and not scene.actuation.is_between and not self.c[:, [1, 3]].any():
-            return [0, 2]
-        return [0, 1, 2, 3]
 
 
 class ObservedDelay(StateSource):

@@ -1,13 +1,16 @@
 """Conclusions from what was measured: costs, scores, and their intervals."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from agents.control.controller import Reads
 from agents.evaluation.aggregates import (
+    LEVEL,
     Estimate,
+    Sample,
     cost_estimate,
     estimate,
     interquartile_mean,
@@ -116,45 +119,38 @@ def scores_of(means: Array, constant: Array, ratio: float) -> Array:
 
 
 def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
-    sample, reference = result.sample, result.reference
-    own, seeds = sample.penalties[k], sample.penalties.shape[1]
-    trained = bool(sample.trained[k])
-    score = None
+    sample, reference = result.sample, result.compared
+    own, other = sample.penalties[k], sample.penalties[reference]
+    score = change = None
     if ratio is not None:
-        constant, drawn_constant = sample.penalties[reference], drawn[reference]
-        score = estimate(
-            float(scores_of(own.mean(), constant.mean(), ratio)),
-            scores_of(drawn[k].mean(axis=1), drawn_constant.mean(axis=1), ratio),
-            scores_of(own.mean(axis=1), constant.mean(axis=1), ratio)[None],
-            scores_of(drawn[k], drawn_constant, ratio)[:, None],
-            trained=trained,
-            episodes=own.shape[1],
+        score = _of_both(sample, k, result.reference, drawn, partial(scores_of, ratio=ratio))
+    if k != reference and drawn[reference].all():
+        change = _of_both(
+            sample, k, reference, drawn, lambda own, other: np.sqrt(own / other) - 1.0
         )
-    other = sample.penalties[result.compared]
     return Row(
         label=result.labels[k],
         reads=result.reads[k],
-        trainings=seeds if trained else 1,
+        trainings=len(own) if sample.trained[k] else 1,
         cost=cost_estimate(sample, k, drawn),
         score=score,
         worst=float(np.sqrt(own.max())),
         tail=float(np.sqrt(tail_mean(own.ravel()))),
-        change=_change(result, k, drawn),
+        change=change,
         won=float((own < other).mean()),
     )
 
 
-def _change(result: TaskResult, k: int, drawn: Array) -> Estimate | None:
-    """Return how a controller's cost differs from that of the reference in the same episodes."""
-    sample, reference = result.sample, result.compared
-    if k == reference or not drawn[reference].all():
-        return None
-    own, other = (sample.penalties[index].mean(axis=1) for index in (k, reference))
+def _of_both(
+    sample: Sample, k: int, other: int, drawn: Array, of: Callable[[Array, Array], Array]
+) -> Estimate:
+    """Return what follows from the mean penalties of a controller and another in its episodes."""
+    means = sample.penalties.mean(axis=2)
     return estimate(
-        float(np.sqrt(own.mean() / other.mean())) - 1.0,
-        np.sqrt(drawn[k].mean(axis=1) / drawn[reference].mean(axis=1)) - 1.0,
-        np.sqrt(own / other)[None],
-        np.sqrt(drawn[k] / drawn[reference])[:, None],
+        float(of(means[k].mean(), means[other].mean())),
+        of(drawn[k].mean(axis=1), drawn[other].mean(axis=1)),
+        of(means[k], means[other])[None],
+        of(drawn[k], drawn[other])[:, None],
         trained=bool(sample.trained[k]),
         episodes=sample.penalties.shape[2],
     )
@@ -205,5 +201,5 @@ def _overall(
 
 
 def _profile(scores: Array, drawn: Array) -> Array:
-    ends = np.percentile(performance_profile(drawn, THRESHOLDS), (2.5, 97.5), axis=0)
+    ends = np.percentile(performance_profile(drawn, THRESHOLDS), LEVEL, axis=0)
     return np.column_stack([performance_profile(scores, THRESHOLDS), *ends])

@@ -83,7 +83,8 @@ class LocalSearch:
             better = found[least, rows] < costs
             costs = np.where(better, found[least, rows], costs)
             best = np.where(better, children[..., least * self.count + rows], best)
-        return self._applied(best)
+        steps = self._steps(np.tile(best, CHILDREN))
+        return np.array([info["applied"][: self.count].copy() for _, _, info in steps])
 
     def _costs(self, plans: Array) -> Array:
         """Return the sum of -reward of each plan, infinite where the episode ends early."""
@@ -92,10 +93,6 @@ class LocalSearch:
             costs -= reward
             costs[terminated] = np.inf
         return costs
-
-    def _applied(self, plans: Array) -> Array:
-        steps = self._steps(np.tile(plans, CHILDREN))
-        return np.array([info["applied"][: self.count].copy() for _, _, info in steps])
 
     def _steps(self, plans: Array) -> Iterator[tuple[Array, NDArray[np.bool_], dict[str, Any]]]:
         """Yield reward, ends and info of each step; lanes that end are begun again."""

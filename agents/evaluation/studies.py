@@ -186,16 +186,6 @@ class ClosedLoop:
     distortion: Array
 
 
-def closed_loops(scene: Scene, rows: Sequence[Entry]) -> list[ClosedLoop]:
-    """Return the steady response of every controller of a task; none of a carriage without mass.
-
-    Of a training with several seeds it is the first run.
-    """
-    if scene.carriage.mass == 0.0:  # nor a frequency of its own
-        return []
-    return [closed_loop(scene, row.controllers[0], row.label) for row in rows]
-
-
 def closed_loop(scene: Scene, controller: Controller, label: str) -> ClosedLoop:
     """Measure the steady response of a controller, each frequency and amplitude in a lane.
 
@@ -431,7 +421,9 @@ def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: st
     return replace(
         result,
         outcomes=outcomes(scene, rows, episodes, studies.records) if changes else [],
-        loops=closed_loops(scene, rows) if studies.frequency else [],
+        loops=[closed_loop(scene, row.controllers[0], row.label) for row in rows]
+        if studies.frequency and scene.carriage.mass > 0.0  # else no frequency of its own
+        else [],
         efforts=efforts(scene, rows, episodes) if studies.effort else [],
         motions={row.label: motions(scene, row.controllers[0], episodes) for row in rows}
         if studies.motions

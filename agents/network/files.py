@@ -13,7 +13,6 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from numpy.typing import DTypeLike, NDArray
 from safetensors import SafetensorError
 
 from mm_gym.errors import refuse
-from mm_gym.files import parse_json, read_bytes
+from mm_gym.files import parse_json
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -131,15 +130,6 @@ def array_in(data: bytes, name: str = "array") -> NDArray[Any]:
         return np.empty(shape, dtype)
     order = "F" if is_fortran else "C"
     return np.frombuffer(stream.read(), dtype).reshape(shape, order=order).copy(order)
-
-
-def read_array(path: str | PathLike[str], *, most: int) -> NDArray[Any]:
-    """Return the array of an ``.npy`` file of at most `most` bytes.
-
-    Raise `SceneError` if the file cannot be read; `ValueError` if it holds no array of numbers or
-    text.
-    """
-    return array_in(read_bytes(path, most=most), str(path))
 
 
 def numbers(

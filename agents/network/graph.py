@@ -61,8 +61,12 @@ class Signal(NDArrayOperatorsMixin):
             return self.graph.add("product", [signal, weight], len(weight))
         if method != "__call__" or other or name not in (*UNARY, *BINARY):
             return NotImplemented
-        inputs = [one if isinstance(one, Signal) else _row(one) for one in given]
-        return self.graph.add(name, inputs, max(_width(one) for one in inputs))
+        inputs = [
+            one if isinstance(one, Signal) else np.asarray(one, np.float64).reshape(-1)
+            for one in given
+        ]
+        width = max(one.shape[-1] for one in inputs)
+        return self.graph.add(name, inputs, width)
 
     def __array_function__(
         self, function: Callable[..., Any], _: object, given: tuple[Any, ...], other: dict[str, Any]
@@ -75,15 +79,6 @@ class Signal(NDArrayOperatorsMixin):
             signal = signal if low is None else np.maximum(signal, low)
             return signal if high is None else np.minimum(signal, high)
         return NotImplemented
-
-
-def _row(value: object) -> Array:
-    """Return a constant as numbers (n,)."""
-    return np.asarray(value, np.float64).reshape(-1)
-
-
-def _width(one: Signal | Array) -> int:
-    return one.shape[1] if isinstance(one, Signal) else len(one)
 
 
 @dataclass(eq=False)

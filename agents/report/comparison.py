@@ -13,7 +13,7 @@ import numpy as np
 from rich.console import Console
 
 from agents.evaluation.aggregates import Estimate
-from agents.evaluation.conclusions import THRESHOLDS, Comparison, Overall, Row
+from agents.evaluation.conclusions import THRESHOLDS, Comparison, Row
 from agents.evaluation.studies import DELAY, NOISE, NOMINAL, RECORD, TaskResult
 from agents.report.pages import (
     logarithmic,
@@ -65,7 +65,7 @@ def print_comparison(comparison: Comparison) -> None:
         without = [(cell,) for cell in not_scored_cells(result.not_scored)]
         print_table(result.task, header, [*rows, *without])
     if comparison.overall:
-        print_table("all tasks", OVERALL, [_overall_cells(one) for one in comparison.overall])
+        print_table("all tasks", OVERALL, _overall(comparison))
     if len(comparison.results) == 1 and len(comparison.results[0].labels) > 1:
         (result,) = comparison.results
         rows = comparison.tables[result.task]
@@ -115,8 +115,8 @@ def paired_cells(row: Row) -> tuple[str, str, str]:
     return value, f"{low} to {high}", percent(row.won)
 
 
-def _overall_cells(one: Overall) -> tuple[str, ...]:
-    return (one.label, *_two(one.mean))
+def _overall(comparison: Comparison) -> list[tuple[str, ...]]:
+    return [(one.label, *_two(one.mean)) for one in comparison.overall]
 
 
 def _two(found: Estimate, digits: int = 4) -> tuple[str, str]:
@@ -305,8 +305,7 @@ def page(comparison: Comparison) -> str:
         [one.label, *(f"{one.improvement[n]:.2f}" if n in one.improvement else "" for n in names)]
         for one in comparison.overall
     ]
-    overall = [_overall_cells(one) for one in comparison.overall]
-    told = {"overall": overall, "names": names, "improvement": better}
+    told = {"overall": _overall(comparison), "names": names, "improvement": better}
     return render("comparison", episodes=episodes_in_words(comparison), tasks=tasks, **told)
 
 

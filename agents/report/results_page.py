@@ -19,7 +19,6 @@ from agents.scoring import Evaluation, evaluate, tail_mean
 from agents.sweeps.results import Cell, Earlier, OnTask, Results, on_tasks, reference_controller
 from agents.sweeps.trials import LEARNERS
 from mm_gym import load_scene
-from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.tasks import ids, short_name
 
@@ -157,13 +156,8 @@ def _failures(one: OnTask) -> list[str]:
         one.name,
         f"{np.median(ratios):.2f}",
         f"{ratios[worst]:.2f} (episode {worst})",
-        printed(_tail(penalties)),
-        printed(_tail(one.reference.penalties)),
+        *(printed(np.sqrt(tail_mean(own))) for own in (penalties, one.reference.penalties)),
     ]
-
-
-def _tail(penalties: Array) -> float:
-    return float(np.sqrt(tail_mean(penalties)))
 
 
 THRESHOLDS = np.linspace(-0.2, 1.05, 126)  # scores at which the performance profile is taken

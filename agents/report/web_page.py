@@ -100,8 +100,10 @@ def _on_page(compared: Field, comparison: Comparison, result: TaskResult) -> dic
     """Return a task on the page: its table, its controllers in the charts, and the charts."""
     scene, rows = compared.scenes[result.task], comparison.tables[result.task]
     labels, found = list(result.motions), list(result.motions.values())
+    penalties = result.sample.penalties[result.compared, 0]  # of the reference's first seed
+    median = int(np.argsort(penalties)[penalties.size // 2])
     groups = [
-        _responses(scene, found, _median_episode(result)),
+        _responses(scene, found, median),
         _spectra(found),
         _costs(scene, result, labels, comparison.episodes),
         _frequency(result),
@@ -122,12 +124,6 @@ def _on_page(compared: Field, comparison: Comparison, result: TaskResult) -> dic
         "scene": {"digest": scene.digest} | {key: str(value) for key, value in fields.items()},
         "runs": _runs(compared, result.task),
     }
-
-
-def _median_episode(result: TaskResult) -> int:
-    """Return the episode of the first seed that is of median cost for the reference."""
-    penalties = result.sample.penalties[result.compared, 0]
-    return int(np.argsort(penalties)[penalties.size // 2])
 
 
 def _points(values: Array) -> Points:

@@ -348,14 +348,14 @@ def merged(results: Results, rows: Iterable[Training]) -> Results:
             if key[:2] == (row.task, row.algorithm) and not same:
                 del kept[key]
         kept[row.task, row.algorithm, row.seed] = row
-    trainings = sorted(kept.values(), key=lambda one: (*_place(one), one.seed))
+    tasks = (*ids(), *robust_ids())
+    trainings = sorted(
+        kept.values(),
+        key=lambda one: (tasks.index(one.task), LEARNERS.index(one.algorithm), one.seed),
+    )
     new = {(one.task, one.algorithm) for one in trainings}
     earlier = [one for one in results.earlier if (one.task, one.algorithm) not in new]
     return results.model_copy(update={"trainings": trainings, "earlier": earlier})
-
-
-def _place(one: Training) -> tuple[int, int]:
-    return (*ids(), *robust_ids()).index(one.task), LEARNERS.index(one.algorithm)
 
 
 def with_references(results: Results) -> Results:

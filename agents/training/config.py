@@ -211,9 +211,11 @@ class RunSettings(Document):
 
     @model_validator(mode="after")
     def _can_be_found(self) -> Self:
-        if not _is_plain(self.name):
+        name = self.name  # of a folder, on any system and in any terminal
+        plain = name == name.strip() and name.isprintable() and not name.startswith(".")
+        if not (plain and not set(name) & {"/", "\\"} and 0 < len(name.encode()) <= LONGEST_NAME):
             allowed = "a printable file name without separators, which begins with no dot"
-            refuse("name", f"{self.name!r}", allowed, ValueError)
+            refuse("name", f"{name!r}", allowed, ValueError)
         if self.reward is not None:
             split(self.reward, "reward")
         return self
@@ -397,17 +399,6 @@ def training_seeds(seed: int, count: int, first: int = 0) -> list[int]:
     common.
     """
     return [TRAINING | seed << LANE_BITS | lane for lane in range(first, first + count)]
-
-
-def _is_plain(name: str) -> bool:
-    """Tell whether a text can name a folder, on any system and in any terminal."""
-    return (
-        name == name.strip()
-        and name.isprintable()
-        and not name.startswith(".")
-        and not set(name) & {"/", "\\"}
-        and 0 < len(name.encode()) <= LONGEST_NAME
-    )
 
 
 def read_settings(path: str | Path, kind: type[Settings]) -> Settings:

@@ -208,7 +208,9 @@ def best_controller(scene: Scene, *, plans: bool = True, worst: float = 1.0) -> 
     if key in _FOUND:
         return _FOUND[key]
     if plans:
-        best = _or_plans(scene, best_controller(scene, plans=False, worst=worst), worst)
+        best = best_controller(scene, plans=False, worst=worst)
+        if _cost(scene, PLANS, worst, TENTH) <= NEAR * _cost(scene, best.name, worst, TENTH):
+            best = min(best, Best(PLANS, _cost(scene, PLANS, worst)), key=lambda one: one.cost)
     else:
         names = [name for name in laws(scene) if name not in {RANDOM, PLANS}]
         found = [Best(name, _cost(scene, name, worst)) for name in names]
@@ -216,13 +218,6 @@ def best_controller(scene: Scene, *, plans: bool = True, worst: float = 1.0) -> 
     if key:
         _FOUND[key] = best
     return best
-
-
-def _or_plans(scene: Scene, best: Best, worst: float) -> Best:
-    """Return the best controller, or predictive control if it costs less."""
-    if _cost(scene, PLANS, worst, TENTH) > NEAR * _cost(scene, best.name, worst, TENTH):
-        return best
-    return min(best, Best(PLANS, _cost(scene, PLANS, worst)), key=lambda one: one.cost)
 
 
 def _cost(scene: Scene, name: str, worst: float, episodes: int = VALIDATION_EPISODES) -> float:

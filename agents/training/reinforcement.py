@@ -282,7 +282,10 @@ def restore(model: BaseAlgorithm, arrays: Arrays) -> None:
             check_shapes(own, {name: _seen(model)[:1] if ends else _seen(model)})
             setattr(model, name, own[name])
     if "memory" in own:
-        _restore_memory(model, own["memory"])
+        cells = model._last_lstm_states  # noqa: SLF001
+        check_shapes(own, {"memory": (4, *cells[0][0].shape)})
+        state, output, *others = (_tensor(array) for array in own["memory"])
+        model._last_lstm_states = type(cells)((state, output), tuple(others))  # noqa: SLF001
     _restore_generators(model, part_of(arrays, "random"))
     _restore_normalisation(model, part_of(arrays, "normalisation"))
     _restore_replayed(model, part_of(arrays, "replay"))
@@ -375,14 +378,6 @@ def _own(model: BaseAlgorithm) -> Arrays:
 
 def _has(model: BaseAlgorithm, name: str) -> bool:
     return getattr(model, name, None) is not None
-
-
-def _restore_memory(model: BaseAlgorithm, memory: Any) -> None:  # noqa: ANN401 - an array
-    now = model._last_lstm_states  # noqa: SLF001
-    shape = 4, *now[0][0].shape
-    check_shapes({"memory": memory}, {"memory": shape})
-    state, output, *others = (_tensor(array) for array in memory)
-    model._last_lstm_states = type(now)((state, output), tuple(others))  # noqa: SLF001
 
 
 def _generators(model: BaseAlgorithm) -> Arrays:

@@ -189,8 +189,10 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
     shown, law, extra = Shown(scene, filtered=filtered), settings.law, settings.extra
     start = _best_start(scene, shown, 1.0 if own else CLEARLY) if law == "auto" else None
     start = start or _law(scene, law, shown)
-    if not start.keep.size:
-        start = start.remembering(*_memory(scene, shown, settings.memory))
+    random = {part.kind for part in scene.excitation} == {"noise"}
+    if not start.keep.size and settings.memory and random and shown.history > 1:
+        weights = _mean_force(scene, shown, 0)
+        start = start.remembering(*force_memory(scene, weights, settings.memory))
     plant = compile_scene(scene)
     if plant.most_delay and not start.back.size:
         # The newest frames do not show yet what these actions did.
@@ -363,14 +365,6 @@ class Shown:
         row, column = np.zeros(1 + self.count), self.channels.index("stretch")
         row[0], row[1 + self.count - self.frame + column] = self.zeros[column], self.units[column]
         return row
-
-
-def _memory(scene: Scene, shown: Shown, states: int) -> tuple[Array, Array]:
-    """Return the linear memory of a scene that has a random force and shows it."""
-    random = {part.kind for part in scene.excitation} == {"noise"}
-    if not (states and random and shown.history > 1):
-        return np.empty((0, 0)), np.empty((0, 0))
-    return force_memory(scene, _mean_force(scene, shown, 0), states)
 
 
 def without_control(scene: Scene) -> Policy:
