@@ -20,7 +20,7 @@ from agents.controllers.tuned import NOT_SCORED
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import LEARNED, SCORES, read_scores, scored
-from agents.report.published import controller_of, read_published
+from agents.report.published import published_agents, read_published
 from agents.report.score_pages import RANKING, ranking_page
 from agents.training.runs import RunError
 from mm_gym import load_scene
@@ -104,12 +104,9 @@ def of_runs(scores: dict[str, dict[str, Any]], text: str) -> Iterator[tuple[str,
 
 def of_published(tasks: Container[str]) -> Iterator[tuple[str, Row]]:
     """Yield the tasks and rows of the published policies of some tasks."""
-    for row in read_published().rows:
-        if row.file is not None and row.task in tasks:
-            scene = load_scene(row.task)
-            agent = controller_of(row, scene)
-            agent.name = row.agent
-            yield row.task, scored(LEARNED, scene, agent)
+    for row, scene, agent in published_agents(read_published(), tasks):
+        agent.name = row.agent
+        yield row.task, scored(LEARNED, scene, agent)
 
 
 @command

@@ -45,8 +45,9 @@ def main(arguments: Arguments) -> None:
     for variant in wanted:
         check_name("tasks", short_name(variant), map(short_name, variants))
     of_wanted = {*wanted, *map(task_of, wanted)}
-    for task, policy in published_agents(of_wanted, read_published()):
-        agents.setdefault(task, []).append(policy)
+    for row, _, agent in published_agents(read_published(), of_wanted):
+        agent.name = str(row.file)
+        agents.setdefault(row.task, []).append(agent)
     scores, trained = read_robustness(), read_results()
     for variant in wanted:
         began = time.perf_counter()

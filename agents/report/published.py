@@ -139,14 +139,16 @@ def read_published(folder: Path = FOLDER) -> Published:
 
 
 def published_agents(
-    tasks: Container[str], published: Published
-) -> Iterator[tuple[str, Controller]]:
-    """Yield the published policies of some tasks, each with its task, and around its base."""
+    published: Published, tasks: Container[str] | None = None, folder: Path = FOLDER
+) -> Iterator[tuple[Row, Scene, Controller]]:
+    """Yield the published policies of some tasks, by default all, as controllers of their scenes.
+
+    Raise `PolicyError` as `controller_of`.
+    """
     for row in published.rows:
-        if row.task in tasks and row.file is not None:
-            agent = controller_of(row, load_scene(row.task))
-            agent.name = row.file
-            yield row.task, agent
+        if row.file is not None and (tasks is None or row.task in tasks):
+            scene = load_scene(row.task)
+            yield row, scene, controller_of(row, scene, folder)
 
 
 def controller_of(row: Row, scene: Scene, folder: Path = FOLDER) -> Controller:
@@ -167,11 +169,8 @@ def scored_again(published: Published, folder: Path = FOLDER) -> Iterator[tuple[
 
     Raise `PolicyError` as `controller_of`.
     """
-    for row in published.rows:
-        if row.file is not None:
-            scene = load_scene(row.task)
-            agent = controller_of(row, scene, folder)
-            yield row, evaluate(scene, agent, episodes=EPISODES).cost
+    for row, scene, agent in published_agents(published, folder=folder):
+        yield row, evaluate(scene, agent, episodes=EPISODES).cost
 
 
 def page(published: Published, results: Results) -> str:
