@@ -287,15 +287,15 @@ def _without_lag(scene: Scene) -> str | None:
     return without_weight(scene)
 
 
-def regulator(scene: Scene) -> Feedback:
+def regulator(scene: Scene, stretch: float | None = None) -> LQR:
     """Return the LQR, without the stroke's weight if none can be designed with it."""
     try:
-        return Feedback(scene, LQR(scene))
+        return LQR(scene, stretch)
     except DesignError as error:
         with suppress(DesignError):
-            law = LQR(scene.replace(**{"objective.stroke_weight": 0.0}))
+            law = LQR(scene.replace(**{"objective.stroke_weight": 0.0}), stretch)
             law.name = "LQR, blind to the stroke"
-            return Feedback(scene, law)
+            return law
         raise error from None
 
 

@@ -20,7 +20,7 @@ from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import device_of
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import design_filter, design_lqg, state_units
-from agents.controllers.lqr import LQR
+from agents.controllers.lqr import regulator
 from agents.network.layers import UNIT
 from agents.policies import Policy, network
 from agents.scoring import validation_cost
@@ -572,10 +572,7 @@ def _regulator(scene: Scene) -> Array:
     """Return the LQR's action as (4,) weights of the state, at the stretch of `_switching`."""
     scene = _weighed(scene)
     stretch = None if scene.actuation.stretch is None else _design_stretch(scene)
-    try:
-        law = LQR(scene, stretch)
-    except DesignError:
-        law = LQR(scene.replace(**{"objective.stroke_weight": 0.0}), stretch)
+    law = regulator(scene, stretch)
     weights = np.zeros(4)
     weights[list(law.design.states)] = -law.design.gain[0] / law.limit
     return weights
