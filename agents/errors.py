@@ -23,17 +23,9 @@ class DatasetError(RuntimeError):
 
 
 ERRORS = (
-    ActionError,
-    CompileError,
-    ConnectionError,  # no cluster
-    DatasetError,
-    DependencyNotInstalled,
-    DesignError,
-    OSError,  # a full disk
-    PolicyError,
-    RunError,
-    SceneError,
-    SimulationError,
+    *(ActionError, CompileError, DatasetError, DependencyNotInstalled, DesignError, PolicyError),
+    *(RunError, SceneError, SimulationError),
+    *(ConnectionError, OSError),  # no cluster, a full disk
 )
 
 FAILED = 2  # exit status after an error, that of a wrong flag and of `mm_gym` too

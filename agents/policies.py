@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, Strict
 
-from agents.network.files import ENDINGS, LARGEST, PolicyError, read_content
+from agents.network.files import LARGEST, PolicyError, read_content
 from agents.network.interface import Interface
 from agents.network.policy import FORMAT, PARTS, Policy, network, policy_of, taken
 from agents.value_table.policy import TablePolicy, table_policy
@@ -22,16 +22,6 @@ from mm_gym.arrays import Array
 from mm_gym.errors import refuse
 from mm_gym.files import read_bytes
 from mm_gym.scene import Document
-
-__all__ = [
-    "ENDINGS",
-    "Deployed",
-    "Policy",
-    "PolicyError",
-    "load_deployed",
-    "load_policy",
-    "network",
-]
 
 AnyPolicy: TypeAlias = Policy | TablePolicy  # what acts: a network, or a table of value iteration
 

@@ -22,10 +22,11 @@ from agents.commands.evaluate import read_policy
 from agents.errors import command
 from agents.exports.controllers import controller_policy, linear_base, residual
 from agents.network.c_source import c_source, seconds_of
+from agents.network.files import ENDINGS
 from agents.network.interface import Interface
 from agents.network.layers import Observer
 from agents.network.onnx import onnx_bytes
-from agents.policies import ENDINGS, AnyPolicy, PolicyError, load_policy
+from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.training.parts import trained_parts
 from agents.training.progress import read_ending
 from agents.training.runs import Run

@@ -83,7 +83,9 @@ def design_h_infinity(scene: Scene) -> HInfinityDesign:
         msg = f"the force does not reach the mode {unreached:.6g}, which does not decay"
         raise DesignError(msg)
     controller, closed, bound = _least(bilinear(generalised), count)
-    return HInfinityDesign(system, generalised, sampled(controller), sampled(closed), bound)
+    return HInfinityDesign(
+        system, generalised, bilinear(controller, -1.0), bilinear(closed, -1.0), bound
+    )
 
 
 def _least(plant: Matrices, count: int) -> tuple[Matrices, Matrices, float]:
@@ -141,11 +143,6 @@ def bilinear(step: Matrices, sign: float = 1.0) -> Matrices:
         root * step.C @ inverse,
         step.D - sign * (step.C @ inverse @ step.B),
     )
-
-
-def sampled(system: Matrices) -> Matrices:
-    """Return the inverse of `bilinear`."""
-    return bilinear(system, -1.0)
 
 
 def _plant(scene: Scene) -> tuple[LinearSystem, list[str]]:

@@ -15,7 +15,8 @@ from agents.controllers.learned import Learned
 from agents.controllers.noise import RandomActions
 from agents.controllers.registry import RANDOM, laws, not_a_law, obstacle
 from agents.controllers.user_defined import user_defined
-from agents.policies import ENDINGS, load_policy
+from agents.network.files import ENDINGS
+from agents.policies import load_policy
 from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate
 from agents.training.parts import agent_of, trained_parts
 from agents.training.runs import Run, RunError

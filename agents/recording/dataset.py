@@ -125,15 +125,9 @@ def write(
 
 
 def _buffer(episode: Episode) -> EpisodeBuffer:
-    return EpisodeBuffer(
-        seed=episode.seed,
-        observations=episode.observations,  # pyright: ignore[reportArgumentType] - arrays are stored as they are
-        actions=episode.actions,  # pyright: ignore[reportArgumentType]
-        rewards=episode.rewards,  # pyright: ignore[reportArgumentType]
-        terminations=episode.terminations,  # pyright: ignore[reportArgumentType]
-        truncations=episode.truncations,  # pyright: ignore[reportArgumentType]
-        infos={"state": episode.states, "applied": episode.applied},
-    )
+    told = dict(vars(episode))
+    infos = {"state": told.pop("states"), "applied": told.pop("applied")}
+    return EpisodeBuffer(**told, infos=infos)  # arrays are stored as they are
 
 
 def _flush(file: Path) -> None:

@@ -7,6 +7,7 @@ the past has few states: those combinations of the past that tell most of the fu
 """
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from agents.control.scene import ENDLESS
 from mm_gym import MovingMassVectorEnv, Scene
@@ -32,8 +33,8 @@ def force_memory(scene: Scene, weights: Array, states: int) -> tuple[Array, Arra
         m, at most `FUTURE`.
     """
     force = _forces(scene, weights)
-    past = _windows(force[: len(force) - FUTURE], PAST)
-    future = _windows(force[PAST:], FUTURE)
+    past = sliding_window_view(force[: len(force) - FUTURE], PAST, axis=0)
+    future = sliding_window_view(force[PAST:], FUTURE, axis=0)
     predictor = np.linalg.lstsq(_flat(past), _flat(future), rcond=None)[0]
     predicted = past @ predictor
     variances, directions = np.linalg.eigh(np.cov(_flat(predicted), rowvar=False))
@@ -56,11 +57,6 @@ def _forces(scene: Scene, weights: Array) -> Array:
         observation, *_ = env.step(generator.uniform(-1.0, 1.0, env.action_space.shape))
         forces.append(observation @ weights)
     return np.array(forces[2:])
-
-
-def _windows(series: Array, length: int) -> Array:
-    """Return the windows (steps - length + 1, lanes, length) of a series (steps, lanes)."""
-    return np.lib.stride_tricks.sliding_window_view(series, length, axis=0)
 
 
 def _flat(array: Array) -> Array:
