@@ -29,6 +29,7 @@ from agents.evaluation.headroom import (
     LEARNED,
     ROUNDING,
     SCORES,
+    Row,
     controllers_of,
     headroom,
     interval,
@@ -43,9 +44,6 @@ from mm_gym.arrays import Array
 from mm_gym.errors import refuse
 from mm_gym.files import read_bytes, write_bytes, write_text
 from mm_gym.tasks import ids, path_of, short_name
-
-Row = dict[str, Any]
-
 
 MOST_BYTES = 2**28  # largest file of plans
 

@@ -19,7 +19,7 @@ from agents.controllers.registry import Entry, entries, every_entry
 from agents.controllers.tuned import NOT_SCORED
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
-from agents.evaluation.headroom import LEARNED, SCORES, read_scores, scored
+from agents.evaluation.headroom import LEARNED, SCORES, Row, read_scores, scored
 from agents.report.published import published_agents, read_published
 from agents.report.score_pages import RANKING, ranking_page
 from agents.training.runs import RunError
@@ -27,8 +27,6 @@ from mm_gym import load_scene
 from mm_gym.errors import check_name, refuse
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, task_called
-
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True)

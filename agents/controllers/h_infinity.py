@@ -21,12 +21,10 @@ from mm_gym.arrays import Array
 NOISE = 0.3
 """Size of the sensors' noise over each channel's scale: it is weighed against the disturbance."""
 
-
 ABOVE = 0.005  # how far the bound is above the least one, at which the equations are singular
 
 EXACTNESS = 1e-5
 """How exactly the least bound is found: with less, the rounding of a machine would choose it."""
-
 
 DOUBLINGS = 30  # of the bound, until one is kept
 

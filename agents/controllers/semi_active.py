@@ -18,7 +18,6 @@ from mm_gym.arrays import Array
 
 Hooked: TypeAlias = Literal["skyhook", "groundhook", "displacement groundhook"]
 
-
 CORNER = 0.1
 """Angular frequency below which the velocity is left out, over that of the carriage on its spring.
 

@@ -18,15 +18,13 @@ from agents.controllers.predictive_control import predictive_control
 from agents.controllers.registry import entries
 from agents.controllers.tuned import best_law, classical_laws, further_laws
 from agents.controllers.with_observer import WithObserver
-from agents.evaluation.headroom import SCORES, controllers_of, interval
+from agents.evaluation.headroom import SCORES, Row, controllers_of, interval
 from agents.evaluation.plans import Effort, Planner
 from agents.scoring import VALIDATION_SEED, evaluate, tail_mean, written
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
 from mm_gym.arrays import Array
 from mm_gym.files import read_text
 from mm_gym.tasks import robust_ids, short_name
-
-Row = dict[str, Any]
 
 FILE = SCORES.with_name("robustness_scores.json")
 

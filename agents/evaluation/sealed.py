@@ -15,14 +15,12 @@ import numpy as np
 from agents.control.controller import Controller
 from agents.controllers.constant import best_constant
 from agents.evaluation.aggregates import shared_episodes
-from agents.evaluation.headroom import CLASSICAL, SCORES, controllers_of, interval
+from agents.evaluation.headroom import CLASSICAL, SCORES, Row, controllers_of, interval
 from agents.network.files import content_of, read_content
 from agents.scoring import VALIDATION_SEED, evaluate, written
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.arrays import Array
 from mm_gym.files import read_bytes, read_text, write_bytes
-
-Row = dict[str, Any]
 
 EPISODES = 1_000  # of a task and a release
 

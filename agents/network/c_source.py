@@ -42,7 +42,6 @@ HELPERS = {
 }
 """By how they are called."""
 
-
 TEMPLATE = Environment(  # noqa: S701 - it is no HTML
     loader=FileSystemLoader(Path(__file__).parent),
     undefined=StrictUndefined,

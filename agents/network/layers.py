@@ -19,7 +19,6 @@ from mm_gym.errors import check_name, refuse
 
 Numbers: TypeAlias = Any  # arrays of NumPy, tensors of torch, or signals
 
-
 KINDS: dict[str, type[Layer]] = {}  # all layers by their name in files
 
 

@@ -237,23 +237,19 @@ def _excited(scene: Scene) -> str:
 
 def logarithmic(axes: Axes, which: str = "y") -> None:
     """Let an axis, x or y, be logarithmic with few ticks in plain digits; call it after drawing."""
-    from matplotlib.ticker import (  # noqa: PLC0415 - optional
-        LogLocator,
-        MaxNLocator,
-        NullFormatter,
-        NullLocator,
-    )
+    from matplotlib import ticker  # noqa: PLC0415 - optional
 
     axes.set(**{f"{which}scale": "log"})
     low, high = axes.get_ylim() if which == "y" else axes.get_xlim()
     axis = axes.yaxis if which == "y" else axes.xaxis
     if high < NARROW * low:
-        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
-        axis.set_minor_locator(NullLocator())
+        axis.set_major_locator(ticker.MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
+        axis.set_minor_locator(ticker.NullLocator())
     else:
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < WIDE * low else (1.0,)))
+        subs = (1.0, 2.0, 5.0) if high < WIDE * low else (1.0,)
+        axis.set_major_locator(ticker.LogLocator(subs=subs))
     axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
+    axis.set_minor_formatter(ticker.NullFormatter())
 
 
 def study_label(study: str) -> str:

@@ -213,22 +213,18 @@ class OnTask:
 
     @property
     def best(self) -> Cell:
-        """The best algorithm's: see `best_of`."""
-        return best_of(self.cells)
+        """That of the least cost on the validation episodes, of those with the most seeds.
+
+        Held-out episodes have no say in it.
+        """
+        most = max(len(cell.trainings) for cell in self.cells)
+        whole = (cell for cell in self.cells if len(cell.trainings) == most)
+        return min(whole, key=lambda cell: cell.validation)
 
     def scores(self, costs: Array) -> Array:
         """Return s = (J_constant - J) / (J_constant - J_best found) of costs J."""
         constant = self.known["constant"]
         return (constant - costs) / (constant - self.known["planner"])
-
-
-def best_of(cells: Sequence[Cell]) -> Cell:
-    """Return the cell of the least cost on the validation episodes, of those with the most seeds.
-
-    Held-out episodes have no say in it.
-    """
-    most = max(len(cell.trainings) for cell in cells)
-    return min((c for c in cells if len(c.trainings) == most), key=lambda cell: cell.validation)
 
 
 def read_results(path: Path = FILE) -> Results:

@@ -78,7 +78,6 @@ EPISODES = 100  # held-out episodes on which each policy is scored
 COLUMNS = ("task", "algorithm", "variant", "seed", "steps", "validation", "cost")
 """Of ``results.csv``; the last two are costs [-], on the validation and the held-out episodes."""
 
-
 HERE = "none"  # what ``--ray`` alone stands for
 
 Address = Annotated[

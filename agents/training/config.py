@@ -148,7 +148,6 @@ TRAINING = 1 << 63
 LONGEST_NAME = 200
 """Most bytes of a run's name: file systems allow 255, and the name may be numbered."""
 
-
 Settings = TypeVar("Settings", bound="Document")
 OfRun = TypeVar("OfRun", bound="RunSettings")
 
@@ -430,14 +429,7 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
     is one, but not with a scene or an algorithm for which they were not found. Raise `SceneError`
     if the first argument is neither a flag nor a task nor a settings file that can be read.
     """
-    with warnings.catch_warnings():
-        # Of a default's type, which pydantic has checked; tyro cannot look into this one.
-        warnings.filterwarnings("ignore", ".*'JsonValue'")
-        return _settings(kind, sys.argv[1:], description)
-
-
-def _settings(kind: type[Settings], arguments: list[str], description: str) -> Settings:
-    default = kind()
+    arguments, default = sys.argv[1:], kind()
     if arguments and arguments[0].endswith(".toml"):
         default = read_settings(arguments.pop(0), kind)
         if isinstance(default, RunSettings):  # its tables may be those of several algorithms
@@ -457,7 +449,10 @@ def _settings(kind: type[Settings], arguments: list[str], description: str) -> S
 def _parsed(
     kind: type[Settings], arguments: list[str], description: str, default: Settings
 ) -> Settings:
-    found = cli(kind, default=default, args=arguments, description=description)
+    with warnings.catch_warnings():
+        # Of a default's type, which pydantic has checked; tyro cannot look into this one.
+        warnings.filterwarnings("ignore", ".*'JsonValue'")
+        found = cli(kind, default=default, args=arguments, description=description)
     words = [one.partition("=")[0] for one in arguments if one.startswith("--")]
     _forget_unasked(found, default, {word[2:].replace("-", "_") for word in words})
     if isinstance(found, RunSettings):

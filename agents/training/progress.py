@@ -32,10 +32,8 @@ class Progress:
         Time of training, without interruptions [s].
     """
 
-    COLUMNS = 3
-
     def __init__(self) -> None:
-        self.rows: Array = np.empty((0, self.COLUMNS))
+        self.rows: Array = np.empty((0, 3))
         self.best: Arrays = {}
         self.seconds = 0.0
 

@@ -90,7 +90,6 @@ COARSE, FINE = 0.3, 0.01
 """Size of the changes of a switching function's weights, and of those of a frequency's estimate:
 they are of order one, and a hundredth changes the frequency by as much as the springs can."""
 
-
 IN_WORDS: dict[str, str] = {
     "regulator": "the LQR of the force",
     "lqg": "the LQG of the force",

@@ -25,7 +25,7 @@ from agents.sweeps.results import (
     FILE,
     Cell,
     Earlier,
-    best_of,
+    OnTask,
     cells_of,
     known_names,
     merged,
@@ -103,7 +103,8 @@ class TestStatistics:
         lucky = cell(np.array([[0.1], [1.0], [1.1], [1.2]]) * self.episodes)
         few = cell([0.01 * self.episodes])
         held_out = cell(np.full((4, 1), 0.5) * self.episodes, validation=[2.0])
-        assert best_of([lucky, few, held_out, steady]) is steady
+        cells = [lucky, few, held_out, steady]
+        assert OnTask(TASK, None, cells, {}, np.empty(0)).best is steady
 
 
 class TestFile:
