@@ -19,6 +19,9 @@ written to a file without knowing the controller.
 Acted: TypeAlias = tuple[Array, Memory]
 """Actions (lanes, k), or what leads to them, and the memory then."""
 
+Read: TypeAlias = tuple[Array, Array, Memory]
+"""States (lanes, 4), what the actuators have (lanes, k), and the memory then."""
+
 Observation: TypeAlias = Single
 Info: TypeAlias = dict[str, Any]
 
@@ -104,9 +107,7 @@ class StateSource(ABC):
         return {}
 
     @abstractmethod
-    def read(
-        self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Array, Array, Memory]:
+    def read(self, memory: Memory, observation: Observation, info: Info) -> Read:
         """Return the states (lanes, 4), what the actuators have (lanes, k), and the memory."""
 
     def note(self, memory: Memory, action: Array) -> Memory:

@@ -9,6 +9,7 @@ from agents.control.controller import (
     Law,
     Memory,
     Observation,
+    Read,
     Reads,
     StateSource,
     joined,
@@ -54,9 +55,7 @@ class TrueState(StateSource):
 
     reads: Reads = "full state"
 
-    def read(
-        self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Array, Array, Memory]:
+    def read(self, memory: Memory, observation: Observation, info: Info) -> Read:
         return info["state"], info["applied"], memory
 
 

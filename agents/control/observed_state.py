@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
-from agents.control.controller import Info, Memory, Observation, StateSource, chosen
+from agents.control.controller import Info, Memory, Observation, Read, StateSource, chosen
 from agents.control.model import Model, covariance, state_scales
 from agents.control.scene import beginning, plant_of
 from mm_gym import DesignError, Scene
@@ -44,9 +44,7 @@ class ObservedActuators(StateSource):
         begun = np.tile(self.begun, (lanes, 1))
         return {"step": np.zeros(lanes, np.int64), "applied": begun, "asked": begun}
 
-    def read(
-        self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Array, Array, Memory]:
+    def read(self, memory: Memory, observation: Observation, info: Info) -> Read:
         memory = self._seen(memory, self.frame.values(observation))
         return np.zeros((len(observation), 4)), memory["applied"], memory
 
@@ -116,9 +114,7 @@ class ObservedState(ObservedActuators):
             begun |= {"delay": np.full(lanes, self.delays[0]), "unlikely": np.zeros(lanes)}
         return {**super().begin(lanes), **begun}
 
-    def read(
-        self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Array, Array, Memory]:
+    def read(self, memory: Memory, observation: Observation, info: Info) -> Read:
         frame, step, delay = self.frame.values(observation), memory["step"], self._delay(memory)
         shown, estimate, own = frame[:, self.shown], memory["estimate"], memory["own"]
         if (step == 0).any():
@@ -253,9 +249,7 @@ class ObservedDelay(StateSource):
         memory["delay"] = np.tile(self.source.delays, lanes)
         return self._by_lane(memory)
 
-    def read(
-        self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Array, Array, Memory]:
+    def read(self, memory: Memory, observation: Observation, info: Info) -> Read:
         each = np.repeat(observation, self.count, axis=0)
         states, applied, after = self.source.read(self._by_estimate(memory), each, info)
         unlikely = np.nan_to_num(after["unlikely"], nan=np.inf)  # a model may have grown too far

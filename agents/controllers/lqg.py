@@ -133,8 +133,7 @@ def design_filter(
     system = plant.state_space([], channels, sampled=True, at=at)
     system = _with_wandering_phases(scene, system)
     noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
-    shown = [channel for channel in plant.observed if channel.name in channels]
-    sizes = np.array([1.0 / channel.factor for channel in shown])
+    sizes = Frame(scene, channels).unit
     sensors = system.sensor_noise + np.diag((FLOOR * sizes) ** 2)
     units = state_units(scene, plant, system), sizes
     needed = np.array([signal.name in STATES for signal in system.states])

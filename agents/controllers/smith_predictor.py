@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.control.controller import Acted, Info, Memory, Observation
+from agents.control.controller import Acted, Info, Memory, Observation, Read
 from agents.control.feedback import Feedback
 from agents.control.model import Model
 from agents.control.observed_state import ObservedState, observed_state
@@ -32,9 +32,7 @@ class SmithPredictor(ObservedState):
         moved = np.zeros((lanes, self.delays[-1] + 1, 4))
         return {**super().begin(lanes), "moved": moved, "model": self.plant.at_rest(lanes)}
 
-    def read(
-        self, memory: Memory, observation: Observation, info: Info
-    ) -> tuple[Array, Array, Memory]:
+    def read(self, memory: Memory, observation: Observation, info: Info) -> Read:
         late = np.minimum(memory["step"], self._delay(memory))
         _, applied, memory = super().read(memory, observation, info)
         moved = memory["moved"]

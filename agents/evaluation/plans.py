@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import Controller, Memory, Reads
+from agents.control.controller import Acted, Controller, Info, Memory, Observation, Reads
 from agents.control.scene import ENDLESS
 from agents.control.trajectories import Indices, Trajectories, Trajectory
 from agents.controllers.noise import correlated
 from mm_gym import MovingMassVectorEnv, Scene
-from mm_gym.arrays import Array, Single
+from mm_gym.arrays import Array
 
 CHILDREN = 48
 """Changed plans of each episode in a generation, of which the best is kept if it costs less."""
@@ -235,9 +235,7 @@ class Planner(Controller):
         plan = np.moveaxis(self.actions, 2, 0)
         return {"step": np.zeros(env.num_envs, np.int64), "plan": plan}
 
-    def propose(
-        self, memory: Memory, observation: Single, info: dict[str, Any]
-    ) -> tuple[Array, Memory]:
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         step, plan = memory["step"], memory["plan"]
         return plan[np.arange(len(plan)), step], {"step": step + 1, "plan": plan}
 
@@ -349,9 +347,7 @@ class Replanner(Controller):
         lanes, columns = env.num_envs, env.single_action_space.shape[0]
         return {"begun": np.zeros(lanes, np.bool_), "plan": np.zeros((lanes, AHEAD, columns))}
 
-    def propose(
-        self, memory: Memory, observation: Single, info: dict[str, Any]
-    ) -> tuple[Array, Memory]:
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         start, lanes = self.env.get_state(), np.arange(self.env.num_envs)
         problem = Trajectories(self.scene, self.env.plant, start, AHEAD, foresees=self.foresees)
         rounds = ROUNDS if memory["begun"].all() else FIRST

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.control.controller import part
 from agents.network.files import arrays_in
 from agents.training.runs import RunError
 from mm_gym import SceneError
@@ -78,7 +79,4 @@ def check_like(arrays: Arrays, wanted: Arrays) -> None:
             raise ValueError(msg)
 
 
-def part_of(arrays: Arrays, part: str) -> Arrays:
-    """Return the arrays whose names begin with a part's name, without it."""
-    begin = f"{part}/"
-    return {key.removeprefix(begin): arrays[key] for key in arrays if key.startswith(begin)}
+part_of = part  # arrays are joined and taken apart as a memory is

@@ -129,8 +129,7 @@ class TrainingLanes(VectorEnvAdapter):
         (state, *_) = self.env_method("get_state")
         arrays = {name: np.asarray(value) for name, value in state.items()}
         if self.residual is not None:
-            own = self.residual.get_state()
-            arrays |= {f"residual/{name}": array for name, array in own.items()}
+            arrays |= joined(residual=self.residual.get_state())
         return arrays | {"returns": self._returns.copy(), "lengths": self._lengths.copy()}
 
     def set_state(self, state: Mapping[str, NDArray[np.generic]]) -> None:

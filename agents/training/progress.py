@@ -9,6 +9,7 @@ import os
 import numpy as np
 from pydantic import BaseModel
 
+from agents.control.controller import joined
 from agents.control.feedback import Feedback, TrueState
 from agents.controllers.constant import no_control
 from agents.scoring import validation_cost
@@ -59,8 +60,8 @@ class Progress:
 
     def arrays(self) -> Arrays:
         """Return the arrays to keep in a checkpoint."""
-        best = {f"best/{name}": array for name, array in self.best.items()}
-        return best | {"progress/rows": self.rows, "progress/seconds": np.asarray(self.seconds)}
+        own = {"rows": self.rows, "seconds": np.asarray(self.seconds)}
+        return joined(best=self.best, progress=own)
 
     @property
     def least_cost(self) -> float:

@@ -27,6 +27,7 @@ from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from tqdm import TqdmExperimentalWarning
 
+from agents.control.controller import joined
 from agents.network.files import check_shapes
 from agents.policies import policy_in
 from agents.scoring import validation_cost
@@ -254,15 +255,14 @@ KEPT = ("_last_obs", "_last_original_obs", "_last_episode_starts")
 
 def state_of(model: BaseAlgorithm) -> Arrays:
     """Return copies of all that the next steps depend on, between two rollouts."""
-    parts = {
+    return joined(
         **_networks(model),
-        "lanes": _lanes(model).get_state(),
-        "model": _own(model),
-        "random": _generators(model),
-        "normalisation": _normalisation(model),
-        "replay": _replayed(model),
-    }
-    return {f"{part}/{name}": array for part in parts for name, array in parts[part].items()}
+        lanes=_lanes(model).get_state(),
+        model=_own(model),
+        random=_generators(model),
+        normalisation=_normalisation(model),
+        replay=_replayed(model),
+    )
 
 
 def restore(model: BaseAlgorithm, arrays: Arrays) -> None:
