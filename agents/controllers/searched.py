@@ -4,8 +4,6 @@ A few numbers are searched when the controller is made; `python -m agents tune-c
 free numbers (`registry.Tunable`).
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Plans: the best found of each episode, knowing what is to come, and those made in every step."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Settings of runs and algorithms: a file of `configs`, then flags; and seeds of training lanes."""
 
-from __future__ import annotations
-
 import json
 import sys
 import warnings

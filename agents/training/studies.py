@@ -5,8 +5,6 @@ before it. So one that a killed process was busy with is repeated at its place, 
 work on one study never draw the same.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import platform

@@ -6,8 +6,6 @@ successive approximations*, J. Math. Anal. Appl. 6 (1963); on a grid with interp
 Ferretti, *Semi-Lagrangian approximation schemes for linear and Hamilton-Jacobi equations* (2013).
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
