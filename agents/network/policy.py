@@ -288,15 +288,8 @@ PARTS = (
 def _observed(layers: Sequence[Layer]) -> int:
     """Return how many numbers the first layer reads."""
     first = layers[0].layers[0] if isinstance(layers[0], Skip) else layers[0]
-    of = {
-        LinearMemory: "enter",
-        Observer: "enter",
-        SettlingObserver: "enter",
-        Correlation: "pairs",
-        LSTM: "enter",
-        Dense: "weight",
-    }
-    return getattr(first, of[type(first)]).shape[-1]
+    name = next(name for name in ("enter", "pairs", "weight") if name in first.arrays)
+    return first.arrays[name].shape[-1]
 
 
 def _single(values: ArrayLike) -> Single:

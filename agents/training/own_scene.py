@@ -72,9 +72,8 @@ def misfits(scene: Scene) -> list[str]:
 def print_misfits(settings: RunSettings) -> None:
     """Print the same as warnings, if the scene is one's own."""
     if settings.scene is not None:
-        print(
-            *(f"warning: {line}\n" for line in misfits(settings.rewarded_scene())), sep="", end=""
-        )
+        for line in misfits(settings.rewarded_scene()):
+            print(f"warning: {line}")
 
 
 PERIODS = 2.0  # of the slowest mode that are looked ahead
