@@ -20,7 +20,6 @@ from tyro import cli
 from tyro.constructors import PrimitiveConstructorSpec
 
 from agents.control.scene import plant_of
-from agents.training.forecast import FUTURE
 from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.errors import refuse
 from mm_gym.files import read_toml
@@ -135,6 +134,8 @@ Changes = Annotated[
     ),
 ]
 """Dotted name -> value; one argument on the command line."""
+
+FUTURE = 8  # control steps of a random force that a linear memory foretells
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

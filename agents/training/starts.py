@@ -9,11 +9,12 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import block_diag, solve_discrete_lyapunov
 
 from agents.control.actuators import Command
 from agents.control.observed_state import ROWS, Frame
-from agents.control.scene import beginning, plant_of
+from agents.control.scene import ENDLESS, beginning, plant_of
 from agents.controllers.adjustable import Adjustable
 from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clipped_lqr
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
@@ -24,9 +25,16 @@ from agents.controllers.lqr import regulator
 from agents.network.layers import UNIT
 from agents.policies import Policy, network
 from agents.scoring import validation_cost
-from agents.training.config import LawName, SearchSettings
-from agents.training.forecast import force_memory
-from mm_gym import ActionError, CompileError, DesignError, LinearSystem, Scene, compile_scene
+from agents.training.config import FUTURE, LawName, SearchSettings
+from mm_gym import (
+    ActionError,
+    CompileError,
+    DesignError,
+    LinearSystem,
+    MovingMassVectorEnv,
+    Scene,
+    compile_scene,
+)
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 from mm_gym.arrays import Array
 from mm_gym.tasks import robust_ids
@@ -89,6 +97,12 @@ HELD = np.linspace(-1.0, 1.0, 17)  # constant actions of a stretch or a device t
 COARSE, FINE = 0.3, 0.01
 """Size of the changes of a switching function's weights, and of those of a frequency's estimate:
 they are of order one, and a hundredth changes the frequency by as much as the springs can."""
+
+LANES, STEPS, SEED = 64, 300, 3_000_000
+"""Episodes and steps that are simulated for a memory, apart from those of any evaluation."""
+
+PAST = 32  # control steps that foretell a force
+LONGEST = 0.98  # largest eigenvalue of a memory: what is older than some 50 steps is forgotten
 
 IN_WORDS: dict[str, str] = {
     "regulator": "the LQR of the force",
@@ -712,3 +726,52 @@ def _mean_force(scene: Scene, shown: Shown, age: int) -> Array:
     displacement = 0.5 * (x1 + past[0]) - step / 12.0 * (v1 - past[2])
     stiffness = carriage.stiffness * carriage.linear_coefficient
     return (momentum + carriage.damping * (x1 - past[0])) / step + stiffness * displacement
+
+
+def force_memory(scene: Scene, weights: Array, states: int) -> tuple[Array, Array]:
+    """Return `keep` (m, m) and `enter` (m, n) of a `LinearMemory` that foretells a random force.
+
+    The force of each step follows from two frames of the observation. Its best linear prediction
+    from the past has few states: those combinations of the past that tell most of the future
+    (Akaike, *Markovian representation of stochastic processes by canonical variables*, SIAM J.
+    Control 13, 1975). They are fitted to simulated episodes, in a tenth of a second, and have unit
+    variance.
+
+    Parameters
+    ----------
+    scene
+        The scene, of random excitation.
+    weights
+        (n,) the force of the last step is `weights` @ observation.
+    states
+        m, at most `FUTURE`.
+    """
+    force = _forces(scene, weights)
+    past = sliding_window_view(force[: len(force) - FUTURE], PAST, axis=0)
+    future = sliding_window_view(force[PAST:], FUTURE, axis=0)
+    predictor = np.linalg.lstsq(_flat(past), _flat(future), rcond=None)[0]
+    predicted = past @ predictor
+    variances, directions = np.linalg.eigh(np.cov(_flat(predicted), rowvar=False))
+    best = slice(None, -states - 1, -1)
+    memory = predicted @ (directions[:, best] / np.sqrt(variances[best]))
+    before = np.concatenate([memory[:-1], past[1:, :, -1:]], axis=2)
+    found = np.linalg.lstsq(_flat(before), _flat(memory[1:]), rcond=None)[0].T
+    keep, enter = found[:, :states], found[:, states]
+    keep *= min(1.0, LONGEST / np.abs(np.linalg.eigvals(keep)).max())
+    return keep, np.outer(enter, weights)
+
+
+def _forces(scene: Scene, weights: Array) -> Array:
+    """Return forces (steps, lanes) under random actions, without those of the first frames."""
+    scene = scene.replace(**ENDLESS, **{"control.steps": STEPS})
+    env = MovingMassVectorEnv(scene, LANES, info="none")
+    observation, _ = env.reset(seed=SEED)
+    generator, forces = np.random.default_rng(SEED), []
+    for _ in range(STEPS - 1):
+        observation, *_ = env.step(generator.uniform(-1.0, 1.0, env.action_space.shape))
+        forces.append(observation @ weights)
+    return np.array(forces[2:])
+
+
+def _flat(array: Array) -> Array:
+    return array.reshape(-1, array.shape[-1])
