@@ -150,15 +150,6 @@ def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, A
     return "; ".join(worse) or None
 
 
-def _with(file: Path, name: str, new: dict[str, Any]) -> dict[str, Any]:
-    """Return what a file has by now, and what is new of a task; the rest of its scene stays."""
-    scores = read_scores(file) if os.path.lexists(file) else {}
-    known = scores.get(name, {})
-    same = known.get("scene_digest") == new["scene_digest"]
-    scores[name] = (known if same else {}) | new
-    return {task: scores[task] for task in ids() if task in scores}
-
-
 @command
 def main(arguments: Arguments) -> str | None:
     """Score or check from the command line."""
@@ -185,7 +176,11 @@ def main(arguments: Arguments) -> str | None:
             known = earlier["rows"] if earlier.get("scene_digest") == scene.digest else []
             rows = score(name, own, known, arguments.plans, arguments.seed)
             new = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
-        scores = _with(out, name, new)
+        scores = read_scores(out) if os.path.lexists(out) else {}  # others may have written to it
+        before = scores.get(name, {})
+        same = before.get("scene_digest") == new["scene_digest"]  # the rest of its scene stays
+        scores[name] = (before if same else {}) | new
+        scores = {task: scores[task] for task in ids() if task in scores}
         write_text(out, json.dumps(scores, indent=1) + "\n")
     if better:
         return "\n".join([*better, "make their plans starts: python -m agents headroom --runs RUN"])

@@ -143,7 +143,6 @@ class ObservedState(ObservedActuators):
         return self.shown, state @ self.c.T / self.unit
 
     def _delay(self, memory: Memory) -> NDArray[np.int64]:
-        """Return the delay of each lane [control steps]."""
         return memory.get("delay", np.full(len(memory["step"]), self.delays[0]))
 
     def _predicted(self, estimate: Array, own: Array, applied: Array) -> tuple[Array, Array]:

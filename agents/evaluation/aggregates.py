@@ -39,10 +39,6 @@ class Sample:
     # are of episodes alone, of one and the same controller.
     trained: NDArray[np.bool_]
 
-    def costs(self) -> Array:
-        """Return the cost (controllers, seeds) of each seed: the root of the mean penalty."""
-        return np.sqrt(self.penalties.mean(axis=2))
-
     def resampled(self, generator: np.random.Generator, resamples: int = RESAMPLES) -> Array:
         """Return mean penalties (controllers, resamples, seeds) of seeds and episodes drawn anew.
 

@@ -132,18 +132,14 @@ class Seal:
         arrays = {one.name: one.penalties for one in self.scored.values()}
         write_bytes(self.file, content_of(self._is_of | {"roles": roles}, arrays))
 
-    def of(self, *roles: str) -> list[Scored]:
-        """Return what has one of some roles, by default all, the least cost first."""
-        found = (one for one in self.scored.values() if not roles or one.role in roles)
-        return sorted(found, key=lambda one: one.cost)
-
     def summary(self, controllers: Container[str]) -> Row:
         """Return the rows, least cost first, and how agents compare with the best of the others.
 
         Both are the best on these very episodes, the agent and the controller alike. The rows are
         of these controllers and all agents: what an earlier version had is not told.
         """
-        found = [one for one in self.of() if one.role == AGENT or one.name in controllers]
+        every = sorted(self.scored.values(), key=lambda one: one.cost)
+        found = [one for one in every if one.role == AGENT or one.name in controllers]
         rows, agents = [one.row() for one in found], [one for one in found if one.role == AGENT]
         others = [one for one in found if one.role in CLASSICAL]
         compared = [agent.over(other) for agent in agents[:1] for other in others[:1]]

@@ -461,7 +461,6 @@ def _look(k: int) -> dict[str, str]:
 
 
 def _plain_digits(axes: Axes) -> None:
-    """Write frequencies in plain digits."""
     from matplotlib import ticker  # noqa: PLC0415 - optional
 
     axes.xaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)))

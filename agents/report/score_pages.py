@@ -238,9 +238,17 @@ def robustness_page(scores: Mapping[str, Any], results: Results) -> str:
         most_above=NEAR,
         scores=scores,
         compared={short_name(name): rows for name, rows in compared.items() if rows[2]},
-        near=[short_name(name) for name, rows in compared.items() if _nothing_is_left(rows)],
+        near=[
+            short_name(name)
+            for name, (best, _, _, plan) in compared.items()
+            if best and plan and plan["rigs"] > (1.0 - NEAR) * best["rigs"]
+        ],
         unplanned=[short_name(name) for name, rows in compared.items() if rows[3] is None],
-        not_better=[short_name(name) for name, rows in compared.items() if not _agent_wins(rows)],
+        not_better=[
+            short_name(name)
+            for name, (best, _, agent, _) in compared.items()
+            if not (best and agent and agent["rigs"] < best["rigs"])
+        ],
         trained=[
             [
                 f"`{short_name(name)}`",
@@ -264,18 +272,6 @@ def _compared(rows: Sequence[Row]) -> list[Row | None]:
         min((row for row in rows if row["role"] in roles), key=itemgetter(where), default=None)
         for roles, where in wanted
     ]
-
-
-def _agent_wins(compared: Sequence[Row | None]) -> bool:
-    """Tell whether the agent for the rigs costs less there than the best controller."""
-    controller, _, agent, _ = compared
-    return controller is not None and agent is not None and agent["rigs"] < controller["rigs"]
-
-
-def _nothing_is_left(compared: Sequence[Row | None]) -> bool:
-    """Tell whether the best controller costs hardly more than the clairvoyant optimum."""
-    controller, _, _, planner = compared
-    return bool(controller and planner and planner["rigs"] > (1.0 - NEAR) * controller["rigs"])
 
 
 def sealed_page(data: Mapping[str, Any]) -> str:

@@ -202,7 +202,6 @@ def _check_settings(
 
 
 def _kind(algorithm: str) -> type[RunSettings]:
-    """Return the settings of an algorithm."""
     return SEARCHES[algorithm][0] if algorithm in SEARCHES else TrainSettings
 
 

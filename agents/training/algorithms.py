@@ -151,7 +151,11 @@ def policy_of(model: BaseAlgorithm) -> Policy:
         raise PolicyError(msg)
     first, *others = layers
     cell = _cell(model)
-    zero, unit = _normalisation(model)
+    observed, statistics = model.observation_space.shape[0], model.get_vec_normalize_env()
+    zero, unit = np.zeros(observed), np.ones(observed)
+    if statistics is not None and statistics.norm_obs:
+        zero, spread = statistics.obs_rms.mean, statistics.obs_rms.var
+        unit = np.sqrt(spread + statistics.epsilon)
     if cell:
         cell[0], cell[2] = cell[0] / unit, cell[2] - cell[0] @ (zero / unit)
     else:
@@ -199,7 +203,6 @@ def _layers(modules: list[nn.Module]) -> tuple[list[tuple[Array, Array]], list[t
 
 
 def _cell(model: BaseAlgorithm) -> list[Array]:
-    """Return the weights of the LSTM cell, or none."""
     if not hasattr(model.policy, "lstm_actor"):
         return []
     lstm = model.policy.lstm_actor
@@ -208,15 +211,6 @@ def _cell(model: BaseAlgorithm) -> list[Array]:
         _array(lstm.weight_hh_l0),
         _array(lstm.bias_ih_l0) + _array(lstm.bias_hh_l0),
     ]
-
-
-def _normalisation(model: BaseAlgorithm) -> tuple[Array, Array]:
-    """Return the mean and the spread of the observations, if they are normalised."""
-    statistics = model.get_vec_normalize_env()
-    if statistics is None or not statistics.norm_obs:
-        observed = model.observation_space.shape[0]
-        return np.zeros(observed), np.ones(observed)
-    return statistics.obs_rms.mean, np.sqrt(statistics.obs_rms.var + statistics.epsilon)
 
 
 def open_trusted(path: Path) -> Policy:

@@ -43,7 +43,7 @@ def test_seeds_follow_from_the_release_and_are_of_no_other_episodes():
 
 def test_penalties_are_those_of_the_sealed_episodes_and_come_back_from_the_file(tmp_path):
     seal_in(tmp_path).score("zero action", "zero", [ConstantAction(SCENE)])
-    (found,) = seal_in(tmp_path).of("zero")
+    (found,) = seal_in(tmp_path).scored.values()
     seed = first_seed("0.1.0")
     expected = evaluate(SCENE, ConstantAction(SCENE), seed=seed, episodes=5).penalties
     np.testing.assert_array_equal(found.penalties, [expected])
