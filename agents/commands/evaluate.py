@@ -14,6 +14,7 @@ agents evaluate baselines lqr "runs/ppo-*" --tasks CarriageForce``.
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -152,10 +153,7 @@ def report(
     controllers: Sequence[Controller], scene: Scene, episodes: int, folder: Path | None
 ) -> list[Evaluation]:
     """Evaluate the baselines, then controllers; print the ranking, and write it to a folder."""
-
-    def score(controller: Controller) -> Evaluation:
-        return evaluate(scene, controller, episodes=episodes)
-
+    score = partial(evaluate, scene, episodes=episodes)
     (reference, *others), not_scored = baselines(scene)
     results = [score(reference)]
     for controller in others:

@@ -106,15 +106,13 @@ def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
     study.set_user_attr("settings", own)
     left = settings.trials - len(study.get_trials(deepcopy=False, states=OVER))
 
-    def cost(trial: Trial) -> float:
-        return _tried(trial, settings, folder)
-
-    def note(*_: object) -> None:
-        _write_best(study, settings, folder)
-
     if left > 0:
         enough = optuna.study.MaxTrialsCallback(settings.trials, states=OVER)
-        study.optimize(cost, callbacks=[note, enough], show_progress_bar=False)
+        study.optimize(
+            lambda trial: _tried(trial, settings, folder),
+            callbacks=[lambda *_: _write_best(study, settings, folder), enough],
+            show_progress_bar=False,
+        )
     return _write_best(study, settings, folder)
 
 

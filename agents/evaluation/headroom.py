@@ -218,10 +218,9 @@ def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
 
 def preview(scene: Scene) -> dict[str, float]:
     """Return the costs of plans made anew in every step, for the mean and for what does come."""
-    named = {"expected": False, "foreseen": True}
     costs = {
         name: evaluate(scene, Replanner(scene, foresees=foresees), episodes=EPISODES).cost
-        for name, foresees in named.items()
+        for name, foresees in (("expected", False), ("foreseen", True))
     }
     return written(costs)
 

@@ -384,13 +384,6 @@ def entries(field: Field, task: str) -> tuple[list[Entry], dict[str, str]]:
     return rows, not_scored
 
 
-def best_classical(scene: Scene, rows: Sequence[Entry]) -> int | None:
-    """Return the classical law that does best on the validation episodes, of those that observe."""
-    laws = [k for k, row in enumerate(rows) if row.classical]
-    laws = [k for k in laws if rows[k].controllers[0].reads == "observation"]
-    return min(laws, key=lambda k: validation_cost(scene, rows[k].controllers[0]), default=None)
-
-
 def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: str) -> TaskResult:
     """Run all controllers of a task through the same episodes, and through the studies."""
     scene = compared.scenes[task]
@@ -405,13 +398,18 @@ def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: st
                 raise
             not_scored[row.label] = str(error)
     changes = studies.robustness or studies.records is not None
+    # The classical law that does best on the validation episodes is one of those that observe.
+    laws = [k for k, row in enumerate(rows) if row.classical]
+    laws = [k for k in laws if rows[k].controllers[0].reads == "observation"]
     result = TaskResult(
         task=task,
         labels=tuple(row.label for row in rows),
         reads=tuple(row.controllers[0].reads for row in rows),
         sample=Sample(np.stack(penalties), np.array([row.trained for row in rows])),
         reference=0,
-        chosen=best_classical(scene, rows),
+        chosen=min(
+            laws, key=lambda k: validation_cost(scene, rows[k].controllers[0]), default=None
+        ),
         not_scored=not_scored,
     )
     if studies.motions:

@@ -214,10 +214,11 @@ def _delete_earlier(folder: Path) -> None:
     """Delete the files of an earlier comparison in a folder that the next need not have."""
     try:
         tasks = json.loads(read_text(folder / "comparison.json"))["tasks"]
-        figures = names_of_some(list(tasks))
+        names = [_file_name(task, list(tasks)) for task in tasks]
     except (OSError, ValueError, LookupError, TypeError):  # none, or none of a comparison
         return
-    for name in ("robustness.csv", "frequency.csv", "effort.csv", *figures):
+    figures = [f"{kind}_{name}.png" for name in names for kind in ("robustness", "frequency")]
+    for name in ("robustness.csv", "frequency.csv", "effort.csv", "scores.png", *figures):
         (folder / name).unlink(missing_ok=True)
 
 
@@ -324,12 +325,6 @@ def draw_comparison(comparison: Comparison, folder: Path) -> None:
             draw_robustness(result, folder / f"robustness_{name}.png")
         if result.loops:
             draw_closed_loops(result, folder / f"frequency_{name}.png")
-
-
-def names_of_some(tasks: Sequence[str]) -> list[str]:
-    """Return the names of the figures that not every comparison of these tasks has."""
-    kinds = ("robustness", "frequency")
-    return ["scores.png", *(f"{k}_{_file_name(task, tasks)}.png" for task in tasks for k in kinds)]
 
 
 def _file_name(task: str, tasks: Sequence[str]) -> str:

@@ -108,13 +108,10 @@ def publish(
         fits = len(content) <= LARGEST
         if fits:
             write_bytes(folder / name, content)
+        median = cell.median.model_dump(include=set(Row.model_fields))
         rows[cell.task, cell.algorithm] = Row(
-            task=cell.task,
-            scene_digest=cell.median.scene_digest,
-            algorithm=cell.median.algorithm,
-            seed=cell.median.seed,
+            **median,
             seeds=len(cell.trainings),
-            cost=cell.median.cost,
             least=float(cell.costs.min()),
             most=float(cell.costs.max()),
             size=len(content),

@@ -144,12 +144,10 @@ def policy_of(model: BaseAlgorithm) -> Policy:
     """
     modules, extractor = _modules(model)
     layers, activations = _layers(modules)
-    squashed = bool(model.policy.squash_output)
     plain = isinstance(extractor, FlattenExtractor) and len(set(activations)) <= 1
     if not (plain and len(activations) == len(layers) - 1 and set(activations) <= set(ACTIVATIONS)):
         msg = "policy: only dense layers with tanh or ReLU between them can be scored"
         raise PolicyError(msg)
-    first, *others = layers
     cell = _cell(model)
     observed, statistics = model.observation_space.shape[0], model.get_vec_normalize_env()
     zero, unit = np.zeros(observed), np.ones(observed)
@@ -159,15 +157,15 @@ def policy_of(model: BaseAlgorithm) -> Policy:
     if cell:
         cell[0], cell[2] = cell[0] / unit, cell[2] - cell[0] @ (zero / unit)
     else:
-        first = first[0] / unit, first[1] - first[0] @ (zero / unit)
-    layers = [first, *others]
+        weight, bias = layers[0]
+        layers[0] = weight / unit, bias - weight @ (zero / unit)
     return network(
         [weight for weight, _ in layers],
         [bias for _, bias in layers],
         ACTIVATIONS[activations[0]] if activations else "tanh",
         model.action_space.low,
         model.action_space.high,
-        squashed=squashed,
+        squashed=bool(model.policy.squash_output),
         cell=cell,
     )
 

@@ -199,9 +199,11 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
     """
     own = settings.scene is not None
     filtered = own or settings.task in robust_ids()
-    shown, law, extra = Shown(scene, filtered=filtered), settings.law, settings.extra
-    start = _best_start(scene, shown, 1.0 if own else CLEARLY) if law == "auto" else None
-    start = start or _law(scene, law, shown)
+    shown = Shown(scene, filtered=filtered)
+    if settings.law == "auto":
+        start = _best_start(scene, shown, 1.0 if own else CLEARLY)
+    else:
+        start = _law(scene, settings.law, shown)
     random = {part.kind for part in scene.excitation} == {"noise"}
     if not start.keep.size and settings.memory and random and shown.history > 1:
         weights = _mean_force(scene, shown, 0)
@@ -210,7 +212,7 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
     if plant.most_delay and not start.back.size:
         # The newest frames do not show yet what these actions did.
         start = start.recalling(plant.most_delay + plant.history - 1)
-    return _with_units(start, extra, generator)
+    return _with_units(start, settings.extra, generator)
 
 
 def added_to(
@@ -643,10 +645,17 @@ def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
     like signs.
     """
     now = shown.now._replace(state=shown.moving(scene.control.time_step))
-    of = _clipped_voltage if scene.actuation.voltage is not None else _clipped_damping
     found: list[Start] = []
     for weight, seen in itertools.product(WEIGHTS, (now, *shown.estimates(scene, None))):
-        pair = of(scene, weight, seen.state)
+        if scene.actuation.voltage is None:  # a moment ahead
+            law = ClippedOptimal(scene, "on-off", weight)
+            ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ seen.state
+            pair = np.stack([law.force({}, ahead.T), law.device.velocity(ahead.T)])
+        else:
+            # The damper's force is taken to have the sign of the slip velocity, and to be the
+            # smaller one: no linear function of an observation says when it is not.
+            force = ClippedVoltage(scene, weight).force(seen.state.T)
+            pair = np.stack([force, seen.state[3] - seen.state[2]])
         if pair.any(axis=1).all():
             found.append(_switched_by(pair, shown, seen))
     if not found:
@@ -654,26 +663,6 @@ def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
         msg += ": channels that show it, or displacements with sensors.history of at least 2"
         raise DesignError(msg)
     return _best(scene, found)
-
-
-def _clipped_damping(scene: Scene, weight: float, state: Array) -> Array:
-    """Return (2, n) the wanted force and the device's velocity, a moment ahead, of an observation.
-
-    The state is `state` (4, n) @ observation.
-    """
-    law = ClippedOptimal(scene, "on-off", weight)
-    ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ state
-    return np.stack([law.force({}, ahead.T), law.device.velocity(ahead.T)])
-
-
-def _clipped_voltage(scene: Scene, weight: float, state: Array) -> Array:
-    """Return the same of a voltage.
-
-    The damper's force is taken to have the sign of the slip velocity, and to be the smaller one:
-    no linear function of an observation says when it is not.
-    """
-    law = ClippedVoltage(scene, weight)
-    return np.stack([law.force(state.T), state[3] - state[2]])
 
 
 def _tracking(scene: Scene, shown: Shown) -> Start:
