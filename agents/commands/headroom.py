@@ -96,12 +96,9 @@ def score(
 
 def _kept_plans(file: Path, shape: tuple[int, ...]) -> Array:
     """Return the plans of an earlier search; raise `SceneError` if they are not of the scene."""
+    content = read_bytes(file, most=MOST_BYTES)
     try:
-        return numbers(
-            {"plans": array_in(read_bytes(file, most=MOST_BYTES), str(file))}, "plans", shape
-        )
-    except SceneError:
-        raise
+        return numbers({"plans": array_in(content, str(file))}, "plans", shape)
     except ValueError as error:
         msg = f"{file}: {error}"
         raise SceneError(msg) from None

@@ -41,7 +41,6 @@ PACKAGES = (
     "cma",
 )
 
-
 INTERRUPTED = 130  # exit status of a program that Ctrl-C ended: 128 + the number of the signal
 NONE = "none"  # what is told of a setting that a run has not
 
@@ -176,7 +175,14 @@ class Run:
                 msg = f"{self.folder}: cannot be locked: {error}"
                 raise RunError(msg) from None
             if not held:
-                raise RunError(self._refusal())
+                holder = "another process"
+                with suppress(SceneError):  # who holds it is told where it can be read
+                    holder = read_text(self._lock) or holder
+                msg = (
+                    f"{self.folder}: {holder} is training this run; "
+                    "wait for its end, or choose another name with --name"
+                )
+                raise RunError(msg)
             if stream.read(len(HOLDER)) not in {"", HOLDER}:
                 msg = f"{self._lock}: cannot be a lock: another file is in its place; move it away"
                 raise RunError(msg)
@@ -192,15 +198,6 @@ class Run:
     @property
     def _lock(self) -> Path:
         return self.folder / ".lock"
-
-    def _refusal(self) -> str:
-        holder = "another process"
-        with suppress(SceneError):  # who holds it is told where it can be read
-            holder = read_text(self._lock) or holder
-        return (
-            f"{self.folder}: {holder} is training this run; "
-            "wait for its end, or choose another name with --name"
-        )
 
     def open(self, settings: RunSettings) -> None:
         """Begin the run, or continue one of the same settings.
