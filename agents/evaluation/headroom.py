@@ -48,7 +48,7 @@ class Plan(BaseModel, strict=True, allow_inf_nan=False):
 
 
 class Scored(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
-    """A row of `agents.evaluation.headroom.Headroom`."""
+    """A row of `Headroom`."""
 
     role: str
     controller: str
@@ -61,7 +61,7 @@ class Scored(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
 
 
 class Preview(BaseModel, strict=True, allow_inf_nan=False):
-    """What `agents.evaluation.headroom.preview` returns."""
+    """What `preview` returns."""
 
     expected: Cost
     foreseen: Cost
