@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, suggest
@@ -50,68 +52,40 @@ def interface_of(kind: str, *, hardens: bool) -> Interface:
 
 @dataclass(frozen=True)
 class Support:
-    """All values that the rows of a lane can take.
+    """All values that the rows of a lane can take."""
 
-    Attributes
-    ----------
-    start_low, start_high
-        (rows,) float64: bounds of each row when an episode begins.
-    low, high
-        (rows,) float64: bounds of each parameter at any time; an actuated stretch moves.
-    names
-        Dotted name of each drawn field -> its row.
-    ground
-        For each harmonic, whether it shakes the ground.
-    sample_interval
-        What one propagation advances by [s]; a control step, unless excitation is sampled.
-    intervals_per_step
-        Sample intervals of a control step.
-    parameters
-        Rows that stay between `low` and `high`: all but the state and what follows from other rows.
-    products
-        (row, row of the ratio, row of the other field) of each field that follows from a ratio.
-    records
-        Dotted name of each set of records -> its files, in the order of their numbers.
-    idle
-        Row -> stated value of each parameter of dry friction that is left out because no motion of
-        the scene slips.
-    interface, interface_row
-        The interface, if it is in value form, and the row of its first parameter; the rows before
-        are its own states.
-    is_between
-        Whether the control force acts between the masses, and not on the carriage alone.
-    damped_row, device
-        Row of the damping or voltage that is actuated, 0 if none is: C, D or one of the
-        interface's. Its name has row DAMPING. And the actuator's name, "damping" or "voltage".
-    sensors_row, actuator_rows
-        First row of the sensors that each lane has for itself, 0 if all have the same; and name of
-        each actuator whose lag or rate limit is drawn -> its first row.
-    jets, terms, excitation
-        Row of the first jet, its terms, and the description of all excitation but the harmonics,
-        see `mm_gym.excitation.kinds`.
-    """
-
+    # (rows,) bounds of each row when an episode begins
     start_low: Array
     start_high: Array
+    # (rows,) bounds of each parameter at any time; an actuated stretch moves
     low: Array
     high: Array
-    names: dict[str, int]
-    ground: tuple[bool, ...]
-    sample_interval: float
-    intervals_per_step: int
-    parameters: tuple[int, ...]
-    products: tuple[tuple[int, int, int], ...]
-    jets: int
-    terms: int
-    excitation: Array
+    names: dict[str, int] = field(default_factory=dict[str, int])  # of drawn fields -> their rows
+    ground: tuple[bool, ...] = ()  # for each harmonic, whether it shakes the ground
+    # what one propagation advances by [s]; a control step, unless excitation is sampled
+    sample_interval: float = 0.0
+    intervals_per_step: int = 1
+    # rows that stay between `low` and `high`: all but the state and what follows from other rows
+    parameters: tuple[int, ...] = ()
+    # (row, row of the ratio, row of the other field) of each field that follows from a ratio
+    products: tuple[tuple[int, int, int], ...] = ()
+    jets: int = 0  # row of the first jet
+    terms: int = 0  # of a jet
+    # all but the harmonics, see `mm_gym.excitation.kinds`
+    excitation: Array = field(default_factory=lambda: np.zeros(1))
+    # row -> stated value of each parameter of dry friction that is left out because nothing slips
     idle: dict[int, float] = field(default_factory=dict[int, float])
-    interface: Interface = LINE
-    interface_row: int = 0
-    is_between: bool = False
+    interface: Interface = LINE  # if it is in value form
+    interface_row: int = 0  # of its first parameter; the rows before are its own states
+    is_between: bool = False  # whether the control force acts between the masses
+    # dotted name of each set of records -> its files, in the order of their numbers
     records: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+    # of the damping or voltage that is actuated, 0 if none is: C, D or one of the interface's; its
+    # name has row DAMPING
     damped_row: int = 0
-    device: str = ""
-    sensors_row: int = 0
+    device: str = ""  # the actuator's name, "damping" or "voltage"
+    sensors_row: int = 0  # first of the sensors that each lane has for itself, 0 if all are alike
+    # first row of each actuator whose lag or rate limit is drawn
     actuator_rows: dict[str, int] = field(default_factory=dict[str, int])
 
     # An interface is told by its identity, and its kernels belong to a process.

@@ -49,39 +49,24 @@ SHORTFALL = 0.01
 
 @dataclass(frozen=True)
 class Kind(Generic[P]):
-    """How a kind of excitation is compiled.
+    """How a kind of excitation is compiled."""
 
-    Attributes
-    ----------
-    fields, constants
-        Numeric field -> its row among those of a part; row -> value, of rows that no field sets.
-    rows, drawn_rows
-        Number of rows of a part, and a function that returns how many more follow from fields that
-        are drawn.
-    code, terms
-        Of its branches in `mm_gym.excitation.kinds`, which harmonics have not; coefficients of what
-        it adds to a jet.
-    interval
-        Returns the longest sample interval [s] where the part asks for none.
-    samples
-        Returns times [s] and values (2, n) that the kernels interpolate, and the shortest spacing
-        [s].
-    slots
-        Returns the kind's own slots of the description.
-    prepare
-        Writes what follows from the fields in place of `samples`, given the description (n,) and
-        the sample interval [s].
-    """
-
-    fields: dict[str, int]
-    rows: int
-    code: int = HARMONIC
-    terms: int = 0
+    fields: dict[str, int]  # numeric field -> its row among those of a part
+    rows: int  # of a part
+    code: int = HARMONIC  # of its branches in `mm_gym.excitation.kinds`
+    terms: int = 0  # coefficients of what it adds to a jet
+    # row -> value, of rows that no field sets
     constants: dict[int, float] = field(default_factory=dict[int, float])
+    # the longest sample interval [s] where the part asks for none
     interval: Callable[[Placed[P]], float] = lambda _: inf
+    # times [s] and values (2, n) that the kernels interpolate, and the shortest spacing [s]
     samples: Callable[[P], tuple[Array, float]] = lambda _: (np.empty(0), 0.0)
+    # the kind's own slots of the description
     slots: Callable[[Placed[P]], Slots] = lambda _: (0.0, 0.0, 0.0, 0.0)
+    # how many more rows follow from fields that are drawn
     drawn_rows: Callable[[Placed[P]], int] = lambda _: 0
+    # writes what follows from the fields, not from `samples`, into a description (n,), for a sample
+    # interval [s]
     prepare: Callable[[Placed[P], Array, float], None] = lambda _, __, ___: None
 
     def fields_of(self, part: P) -> dict[str, int]:
@@ -91,28 +76,16 @@ class Kind(Generic[P]):
 
 @dataclass(frozen=True)
 class Placed(Generic[P]):
-    """A part of a scene's excitation, with the place of its numbers.
-
-    Attributes
-    ----------
-    kind, part, name
-        Its kind, the part itself, and its dotted name, such as "excitation.0".
-    first
-        Its first row.
-    values
-        Field -> value, or range of values.
-    samples, step, data
-        What `Kind.samples` returned, and the slot of the description at which they begin.
-    """
+    """A part of a scene's excitation, with the place of its numbers."""
 
     kind: Kind[P]
     part: P
-    name: str
-    first: int
-    values: dict[str, NumberOrRange]
-    samples: Array
+    name: str  # dotted, such as "excitation.0"
+    first: int  # its first row
+    values: dict[str, NumberOrRange]  # field -> value, or range of values
+    samples: Array  # these, and the step, are what `Kind.samples` returned
     step: float
-    data: int
+    data: int  # slot of the description at which the samples begin
 
     def lowest(self, name: str) -> float:
         """Return the least value of a field."""
@@ -427,35 +400,18 @@ ON_GRID = 1e-10  # part of a sample interval below which a corner is at its end
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the excitation's numbers are.
-
-    Attributes
-    ----------
-    parts, ground
-        The parts of the excitation; for each harmonic, whether it shakes the ground.
-    names, values
-        Dotted name of each field that can be set -> its row of a lane; row -> value or range, also
-        of the rows that no field sets.
-    description
-        See `mm_gym.excitation.kinds`.
-    jets, terms, size
-        Row of the first jet, its terms, and the number of a lane's rows.
-    intervals_per_step
-        Sample intervals of a control step.
-    records
-        Dotted name of each set of records -> its files, in the order of their numbers.
-    """
+    """Where the excitation's numbers are."""
 
     parts: tuple[Placed[Any], ...]
-    ground: tuple[bool, ...]
-    names: dict[str, int]
-    values: dict[int, NumberOrRange]
-    description: Array
-    jets: int
-    terms: int
-    size: int
+    ground: tuple[bool, ...]  # for each harmonic, whether it shakes the ground
+    names: dict[str, int]  # dotted name of each field that can be set -> its row of a lane
+    values: dict[int, NumberOrRange]  # of rows, also of those that no field sets
+    description: Array  # see `mm_gym.excitation.kinds`
+    jets: int  # row of the first jet
+    terms: int  # of a jet
+    size: int  # number of a lane's rows
     intervals_per_step: int
-    records: dict[str, tuple[str, ...]]
+    records: dict[str, tuple[str, ...]]  # of sets of records -> files, in their numbers' order
 
 
 def lay_out(scene: Scene, rate: float, turn: float = inf) -> Layout:

@@ -30,24 +30,12 @@ DRIVERS = ("force", "stretch", "damping", "voltage", "disturbance", "ground", "o
 
 
 class Tangent(NamedTuple):
-    """The motion x' = A x + drivers d about a point, in decimals.
+    """The motion x' = A x + drivers d about a point, in decimals."""
 
-    Attributes
-    ----------
-    a
-        (4, 4), for deviations of x1, x2, v1, v2.
-    drivers
-        (4, 7), see `DRIVERS`; the last is the motion at the point itself.
-    spring
-        Slopes of the springs' force over the offset [N/m] and over the stretch [N].
-    spring_force
-        Force of the springs on the carriage at the point [N].
-    """
-
-    a: Decimals
-    drivers: Decimals
-    spring: tuple[float, float]
-    spring_force: float
+    a: Decimals  # (4, 4), for deviations of x1, x2, v1, v2
+    drivers: Decimals  # (4, 7), see `DRIVERS`; the last is the motion at the point itself
+    spring: tuple[float, float]  # slopes of the springs' force over offset [N/m] and stretch [N]
+    spring_force: float  # on the carriage at the point [N]
 
 
 ROUND_OFF = 1e-12  # what is left of a slope that is 0
@@ -61,27 +49,14 @@ def _slopes_with(interface: Interface) -> Callable[..., None]:
 
 
 class InterfaceSlopes(NamedTuple):
-    """An interface in value form at a point; 0 of any other.
+    """An interface in value form at a point; 0 of any other."""
 
-    Attributes
-    ----------
-    force
-        On the carriage [N].
-    damping, stiffness
-        Slopes of the force over the slip velocity [N s/m], and over the offset [N/m].
-    spring_force, spring_stiffness
-        What of force and stiffness is that of springs.
-    over_held
-        Slope of the force over the parameter that an actuator holds, if it is one of the
-        interface's.
-    """
-
-    force: float = 0.0
-    damping: float = 0.0
-    stiffness: float = 0.0
-    spring_force: float = 0.0
+    force: float = 0.0  # on the carriage [N]
+    damping: float = 0.0  # slope of the force over the slip velocity [N s/m]
+    stiffness: float = 0.0  # over the offset [N/m]
+    spring_force: float = 0.0  # what of the force is that of springs
     spring_stiffness: float = 0.0
-    over_held: float = 0.0
+    over_held: float = 0.0  # over the parameter that an actuator holds, if it is the interface's
 
 
 def interface_slopes(support: Support, row: Array) -> InterfaceSlopes:

@@ -81,29 +81,16 @@ ROWS = {kernels.IMPULSE: process.ROWS, kernels.FILTER: noise.ROWS}
 
 @dataclass(frozen=True)
 class Source:
-    """What excites: z' = F z + white noise, whose output is the excitation.
+    """What excites: z' = F z + white noise, whose output is the excitation."""
 
-    Attributes
-    ----------
-    names
-        Of the k states z.
-    driver
-        The driver that it adds to: `DISTURBANCE` or `GROUND`.
-    generator, intensity
-        (k, k) F [1/s], and the intensity of the white noise on the states [1/s].
-    output, sampled_output
-        (k,) the excitation [N] or [m/s^2] per state; the same, linear between its samples.
-    transition, spread
-        (k, k) exp(F h) over a sample interval, and a root of the covariance added in it; empty for
-        harmonics, which are moved with the masses.
-    """
-
-    names: tuple[str, ...]
-    driver: int
-    generator: Array
-    intensity: Array
-    output: Array
-    sampled_output: Array
+    names: tuple[str, ...]  # of the k states z
+    driver: int  # that it adds to: `DISTURBANCE` or `GROUND`
+    generator: Array  # (k, k) F [1/s]
+    intensity: Array  # (k, k) of the white noise on the states [1/s]
+    output: Array  # (k,) the excitation [N] or [m/s^2] per state
+    sampled_output: Array  # (k,) the same, linear between its samples
+    # (k, k) exp(F h) over a sample interval, and a root of the covariance added in it; empty for
+    # harmonics, which are moved with the masses
     transition: Array
     spread: Array
 

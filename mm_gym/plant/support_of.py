@@ -150,21 +150,7 @@ def _rate(scene: Scene, values: dict[str, NumberOrRange]) -> float:
     if damper is not None and damped in values:
         low[ROWS[damped]], high[ROWS[damped]] = damper.minimum, damper.maximum
     low[layout.VR] = high[layout.VR] = 0.0  # friction is propagated from corner to corner
-    support = Support(
-        start_low=low,
-        start_high=high,
-        low=low,
-        high=high,
-        names={},
-        ground=(),
-        sample_interval=0.0,
-        intervals_per_step=1,
-        parameters=(),
-        products=(),
-        jets=0,
-        terms=0,
-        excitation=np.zeros(1),
-    )
+    support = Support(low, high, low, high)
     if low[layout.M1] > 0.0:
         return fastest_rate(support)
     # Without inertia the carriage follows at (k1 + k2) / (c + d), the sphere as if on a held one.

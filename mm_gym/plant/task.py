@@ -20,25 +20,13 @@ SMALLEST = float(np.finfo(np.float64).tiny)  # smallest scale of a channel, whos
 
 
 class Observed(NamedTuple):
-    """A channel as the agent observes it: (value - zero) * factor, plus noise.
-
-    Attributes
-    ----------
-    name, unit
-        The channel and its SI unit.
-    factor
-        Inverse of the channel's scale [1 / unit].
-    zero
-        Value shown as 0 [unit].
-    noise
-        Standard deviation of its noise [unit]; the middle of what is drawn.
-    """
+    """A channel as the agent observes it: (value - zero) * factor, plus noise."""
 
     name: str
-    unit: str
-    factor: float
-    zero: float
-    noise: float
+    unit: str  # SI
+    factor: float  # inverse of the channel's scale [1 / unit]
+    zero: float  # value shown as 0 [unit]
+    noise: float  # standard deviation [unit]; the middle of what is drawn
 
     @property
     def one(self) -> float:
@@ -205,24 +193,13 @@ def _half_and_middle(
 
 
 class Instruments(NamedTuple):
-    """Sensors and actuators that a lane has for itself, see `mm_gym.lanes.layout`.
+    """Sensors and actuators that a lane has for itself, see `mm_gym.lanes.layout`."""
 
-    Attributes
-    ----------
-    names, values
-        Dotted name of each field -> its row; row -> number or range.
-    sensors, actuators
-        First row of the sensors, 0 if all lanes have the same ones, at most with noise and delay;
-        name -> first row of each actuator whose lag or rate limit is drawn.
-    size
-        Number of the rows in front of these and of these.
-    """
-
-    names: dict[str, int]
-    values: dict[int, NumberOrRange]
-    sensors: int
-    actuators: dict[str, int]
-    size: int
+    names: dict[str, int]  # dotted name of each field -> its row
+    values: dict[int, NumberOrRange]  # of rows
+    sensors: int  # their first row; 0 if all lanes have the same ones, at most with noise and delay
+    actuators: dict[str, int]  # first row of each whose lag or rate limit is drawn
+    size: int  # number of the rows in front of these and of these
 
     @property
     def whole(self) -> list[int]:

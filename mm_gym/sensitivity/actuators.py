@@ -15,30 +15,17 @@ from mm_gym.step.task import ACTUATORS, LAG_FACTOR
 
 
 class Actuator(NamedTuple):
-    """An actuator as the task array has it.
+    """An actuator as the task array has it."""
 
-    Attributes
-    ----------
-    name
-        "force" [N], "stretch" [-], "damping" [N s/m] or "voltage" [V].
-    row, asked_row
-        Rows of a lane: what it applies, and what a rate adds up to.
-    low, high, rate, lag_factor
-        Limits, largest change in a control step, and fraction of the way that its lag lets it go;
-        of lanes that differ in them, the middle.
-    is_rate, own
-        Whether it is commanded by rate; first row of what each lane has for itself, or 0.
-    """
-
-    name: str
-    row: int
-    asked_row: int
+    name: str  # "force" [N], "stretch" [-], "damping" [N s/m] or "voltage" [V]
+    row: int  # of a lane: what it applies
+    asked_row: int  # what a rate adds up to
     low: float
     high: float
-    rate: float
-    lag_factor: float
-    is_rate: bool
-    own: int
+    rate: float  # largest change in a control step; of lanes that differ in it, the middle
+    lag_factor: float  # fraction of the way that its lag lets it go; the same
+    is_rate: bool  # whether it is commanded by rate
+    own: int  # first row of what each lane has for itself, or 0
 
     def reach(self, lanes: Array) -> tuple[Array | float, Array | float]:
         """Return the largest change in a control step, and the lag factor, of lanes."""

@@ -34,30 +34,18 @@ from mm_gym.simulation.lanes import Lanes
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """The n sample intervals of a simulation.
-
-    Attributes
-    ----------
-    plant, parameters
-        What was simulated, and its lane (rows,) with the drawn values.
-    states
-        (n + 1, 4) the initial state, then the state at the end of each sample interval: x1, x2 [m],
-        v1, v2 [m/s]; (n + 1, 5) if the interface has a state of its own.
-    starts
-        (n, 4) or (n, 5) the state at the start of each, after impulses at that instant.
-    applied
-        (n, 2) the force [N] and stretch [-] held over each; (n, 3) with the damping [N s/m] behind
-        them if it is actuated.
-    jets
-        (n, 2 * terms) excitation but harmonics and records: coefficients of force [N] and
-        of ground acceleration [m/s^2] as polynomials in the elapsed part of the interval [-].
-    """
+    """The n sample intervals of a simulation."""
 
     plant: Plant
-    parameters: Array
+    parameters: Array  # (rows,) its lane with the drawn values
+    # (n + 1, 4) the initial state, then the state at the end of each sample interval: x1, x2 [m],
+    # v1, v2 [m/s]; (n + 1, 5) if the interface has a state of its own
     states: Array
-    starts: Array
+    starts: Array  # (n, 4) or (n, 5) the state at the start of each, after impulses at that instant
+    # (n, 2) the force [N] and stretch [-] held over each; (n, 3) with a damping or voltage behind
     applied: Array
+    # (n, 2 * terms) excitation but harmonics and records: coefficients of force [N] and of ground
+    # acceleration [m/s^2] as polynomials in the elapsed part of the interval [-]
     jets: Array
 
     @property

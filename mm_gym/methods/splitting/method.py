@@ -85,18 +85,10 @@ _RECIPROCALS = [1.0 / math.factorial(n + 1) for n in range(slots.MOST_DEGREE + 1
 
 
 class Plan(NamedTuple):
-    """The columns of an interval.
+    """The columns of an interval."""
 
-    Attributes
-    ----------
-    first
-        Substeps of the first column; each next one has one more.
-    columns
-        Columns whose error is expected to be below the tolerance.
-    """
-
-    first: int
-    columns: int
+    first: int  # substeps of the first column; each next one has one more
+    columns: int  # whose error is expected to be below the tolerance
 
     @property
     def counts(self) -> range:
