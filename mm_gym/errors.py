@@ -1,10 +1,13 @@
-"""The errors that mm_gym raises, and the suggestion of the nearest name."""
+"""The errors that mm_gym raises, checks that raise them, and the suggestion of the nearest name."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 class SceneError(ValueError):
@@ -52,6 +55,22 @@ def check_name(
     names = tuple(allowed)
     if name not in names:
         refuse(field, f"{name!r}{suggest(str(name), names)}", ", ".join(names), error)
+
+
+def finite_numbers(
+    field: str, value: object, error: type[Exception] = SceneError
+) -> NDArray[np.float64]:
+    """Return finite numbers as an array; refuse anything else."""
+    try:
+        array = np.asarray(value)
+    except ValueError as problem:  # rows of different lengths
+        msg = f"{field}: not an array: {problem}"
+        raise error(msg) from None
+    if array.size and array.dtype.kind not in "fiu":
+        refuse(field, f"type {array.dtype}", "numbers", error)
+    if not np.isfinite(array).all():
+        refuse(field, "NaN or infinity", "finite numbers", error)
+    return array.astype(np.float64)
 
 
 def suggest(name: str, allowed: Iterable[str]) -> str:

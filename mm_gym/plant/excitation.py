@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from mm_gym.arrays import Array
-from mm_gym.errors import CompileError, SceneError
+from mm_gym.errors import CompileError, SceneError, refuse
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process, noise, record
 from mm_gym.excitation import kinds as kernels
@@ -65,8 +65,7 @@ class Kind(Generic[P]):
     slots: Callable[[Placed[P]], Slots] = lambda _: (0.0, 0.0, 0.0, 0.0)
     # how many more rows follow from fields that are drawn
     drawn_rows: Callable[[Placed[P]], int] = lambda _: 0
-    # writes what follows from the fields, not from `samples`, into a description (n,), for a sample
-    # interval [s]
+    # writes what follows from the fields into a description (n,), for a sample interval [s]
     prepare: Callable[[Placed[P], Array, float], None] = lambda _, __, ___: None
 
     def fields_of(self, part: P) -> dict[str, int]:
@@ -183,8 +182,7 @@ def _record_samples(part: Recorded) -> tuple[Array, float]:
         motion = read_with(Path(file), options)
         total += len(motion.times)
         if total > MOST_SAMPLES:
-            msg = f"{file}: got {total} samples in the files up to it; allowed: {MOST_SAMPLES}"
-            raise SceneError(msg)
+            refuse(f"{file}", f"{total} samples in the files up to it", f"{MOST_SAMPLES}")
         motions.append(np.vstack([motion.times, mass * motion.values]))
         factors.append(_factor(part, file, motion))
         shortest = min(shortest, motion.time_step)

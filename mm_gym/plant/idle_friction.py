@@ -9,7 +9,7 @@ import numpy as np
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import SceneError
+from mm_gym.errors import refuse
 from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 from mm_gym.methods.support import Support
@@ -85,12 +85,11 @@ def require_stick(support: Support, values: Array, where: str) -> None:
         fastest = _slip_of(twice + 0.5 * k1 * depth, m1, m2)
     wrong = np.flatnonzero(~(fastest <= limit * (1.0 + ROUND_OFF)))
     if wrong.size:
-        msg = (
-            f"{where}: got a state whose energy lets the sphere slip at up to "
-            f"{fastest[wrong[0]]:.3g} m/s; allowed: below interface.reference_velocity = "
-            f"{limit:g} m/s, {REMEDY}"
+        refuse(
+            where,
+            f"a state whose energy lets the sphere slip at up to {fastest[wrong[0]]:.3g} m/s",
+            f"below interface.reference_velocity = {limit:g} m/s, {REMEDY}",
         )
-        raise SceneError(msg)
 
 
 def _slip_of(twice: Array, m1: Array, m2: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array
-from mm_gym.errors import ActionError, CompileError, SceneError
+from mm_gym.errors import ActionError, CompileError, SceneError, refuse
 from mm_gym.excitation.kinds import begin_excitation
 from mm_gym.lanes import layout
 from mm_gym.methods.support import MASSLESS, Support
@@ -48,8 +48,7 @@ def jacobian_of(
     if is_snapshot:
         counts.add(values.shape[1])
     if len(counts) > 1:
-        msg = f"state, action, at: got {sorted(counts)} lanes; allowed: as many of each"
-        raise SceneError(msg)
+        refuse("state, action, at", f"{sorted(counts)} lanes", "as many of each")
     count = counts.pop() if counts else 1
     values = np.array(np.broadcast_to(values, (len(values), count)))
     if given is not None:
@@ -100,8 +99,7 @@ def _lanes(
     if hasattr(place, "keys") and "values" in place:  # pyright: ignore[reportOperatorIssue]
         values = np.asarray(place["values"], np.float64)  # pyright: ignore[reportIndexIssue, reportOptionalSubscript, reportCallIssue, reportArgumentType, reportUnknownArgumentType]
         if values.ndim != 2 or len(values) != len(support.low):  # noqa: PLR2004 - rows and lanes
-            msg = f"at: got values of shape {values.shape}; allowed: ({len(support.low)}, lanes)"
-            raise SceneError(msg)
+            refuse("at", f"values of shape {values.shape}", f"({len(support.low)}, lanes)")
         require_parameters(support, values)
         return values, np.asarray(place["streams"], np.uint64), True  # pyright: ignore[reportIndexIssue, reportOptionalSubscript, reportCallIssue, reportArgumentType, reportUnknownArgumentType]
     row = lane_at(support, place, None)  # pyright: ignore[reportArgumentType]

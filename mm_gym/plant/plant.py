@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mm_gym.arrays import Array
-from mm_gym.errors import CompileError, SceneError
+from mm_gym.errors import CompileError, SceneError, refuse
 from mm_gym.excitation.kinds import FIRST
 from mm_gym.lanes import layout
 from mm_gym.law.springs import LINEAR
@@ -326,8 +326,7 @@ class Plant:
         middle[layout.X1 : layout.V2 + 1] = 0.0
         if stretch is not None:
             if not 1.0 <= stretch < np.inf:
-                msg = f"stretch: got {stretch!r}; allowed: a finite number of at least 1"
-                raise SceneError(msg)
+                refuse("stretch", f"{stretch!r}", "a finite number of at least 1")
             if layout.STRETCH not in self.support.names.values():
                 kind = "linear" if middle[layout.STRETCH] == LINEAR else "none"
                 msg = f"stretch: springs.kind = {kind!r} has no stretch; leave it out"

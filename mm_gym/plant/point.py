@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import SceneError
+from mm_gym.errors import SceneError, refuse
 from mm_gym.lanes import layout
 from mm_gym.law.dry_friction import REGIMES_WRITTEN, write_regimes
 from mm_gym.methods.support import Support
@@ -39,8 +39,7 @@ def lane_at(
         and abs(row[layout.X2] - row[layout.X1]) >= row[layout.STRETCH] * row[layout.L0]
     ):
         furthest, got = row[layout.STRETCH] * row[layout.L0], row[layout.X2] - row[layout.X1]
-        msg = f"about: got a relative displacement of {got:g} m; allowed: below {furthest:g}"
-        raise SceneError(msg)
+        refuse("about", f"a relative displacement of {got:g} m", f"below {furthest:g}")
     plain(write_regimes)(row[:, None], 0, 1)
     slip = abs(row[layout.V2] - row[layout.V1])
     if slip > support.idle_velocity:
@@ -64,11 +63,9 @@ def require_parameters(support: Support, values: Array) -> None:
     row = rows[k]
     names = [name for name, own in support.names.items() if own == row]
     where = names[-1] if names else f"row {row}"
-    msg = (
-        f"at: {where}: got {values[row, lane]:g}; "
-        f"allowed: {support.low[row]:g} to {support.high[row]:g}"
+    refuse(
+        f"at: {where}", f"{values[row, lane]:g}", f"{support.low[row]:g} to {support.high[row]:g}"
     )
-    raise SceneError(msg)
 
 
 def _value(support: Support, name: str, value: object) -> float:
@@ -79,17 +76,14 @@ def _value(support: Support, name: str, value: object) -> float:
     low, high = float(support.low[row]), float(support.high[row])
     number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     if not (number and low <= value <= high):  # pyright: ignore[reportOperatorIssue] - a number
-        msg = f"at.{name}: got {value!r}; allowed: {low:g} to {high:g}"
-        raise SceneError(msg)
+        refuse(f"at.{name}", f"{value!r}", f"{low:g} to {high:g}")
     return float(value)  # pyright: ignore[reportArgumentType] - a number
 
 
 def _numbers(what: str, values: object, size: int) -> Array:
     array = np.array(values)
     if array.dtype.kind not in "fiu" or array.shape != (size,):
-        msg = f"{what}: got shape {array.shape} of {array.dtype}; allowed: ({size},) numbers"
-        raise SceneError(msg)
+        refuse(what, f"shape {array.shape} of {array.dtype}", f"({size},) numbers")
     if not np.isfinite(array[: layout.HARMONICS]).all():  # a plateau behind them may be endless
-        msg = f"{what}: got NaN or infinity; allowed: finite numbers"
-        raise SceneError(msg)
+        refuse(what, "NaN or infinity", "finite numbers")
     return array.astype(np.float64)

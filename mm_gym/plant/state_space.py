@@ -371,8 +371,7 @@ def _names(what: str, given: Sequence[str], allowed: Mapping[str, object]) -> tu
     for name in names:
         if name not in allowed:
             near = suggest(str(name), allowed)
-            msg = f"{what}: got {name!r}{near}; allowed: {', '.join(allowed)}"
-            raise SceneError(msg)
+            refuse(what, f"{name!r}{near}", ", ".join(allowed))
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         msg = f"{what}: {twice[0]!r} is listed more than once"

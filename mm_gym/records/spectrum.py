@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mm_gym.arrays import Array
-from mm_gym.errors import refuse
+from mm_gym.errors import finite_numbers, refuse
 from mm_gym.records.spectrum_kernel import TURN, write_peaks
 
 MOST_DAMPING = 10.0  # largest damping ratio
@@ -45,9 +45,7 @@ def peak_responses(times: Array, values: Array, periods: ArrayLike, damping: Arr
 
 
 def _numbers(name: str, given: ArrayLike) -> Array:
-    array = np.asarray(given)
-    if array.dtype.kind not in "fiu" or array.ndim > 1 or not array.size:
-        refuse(name, f"shape {array.shape} of type {array.dtype}", "(n,) numbers")
-    if not np.all(np.isfinite(array)):
-        refuse(name, "NaN or infinity", "finite numbers")
-    return np.atleast_1d(array).astype(np.float64)
+    numbers = np.atleast_1d(finite_numbers(name, given))
+    if numbers.ndim > 1 or not numbers.size:
+        refuse(name, f"shape {numbers.shape}", "(n,) numbers")
+    return numbers

@@ -41,8 +41,7 @@ def checked_fields(
     for name, row in support.whole_rows.items():
         if row in checked and np.any(checked[row] % 1.0):
             what = "control steps" if row not in support.number_rows.values() else "records"
-            msg = f"{name}: got {checked[row]}; allowed: whole numbers, those of {what}"
-            raise SceneError(msg)
+            refuse(name, f"{checked[row]}", f"whole numbers, those of {what}")
     return checked
 
 
@@ -62,15 +61,11 @@ def _check_offset(fixed: Mapping[int, Array], support: Support) -> None:
 def _checked(name: str, value: ArrayLike, row: int, support: Support, count: int) -> Array:
     array = array_of(value, name)
     if array.dtype.kind not in "fiu" or array.shape not in ((), (count,)):
-        msg = f"{name}: got {value!r}; allowed: a number, or {count} of them"
-        raise SceneError(msg)
+        refuse(name, f"{value!r}", f"a number, or {count} of them")
     largest = np.finfo(np.float64).max
     low, high = (-largest, largest) if row < layout.FORCE else (support.low[row], support.high[row])
     if not np.all((array >= low) & (array <= high)):
-        msg = (
-            f"{name}: got {value}; allowed: {low:g} to {high:g}, which this scene was compiled for"
-        )
-        raise SceneError(msg)
+        refuse(name, f"{value}", f"{low:g} to {high:g}, which this scene was compiled for")
     return array.astype(np.float64)
 
 

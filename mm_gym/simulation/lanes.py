@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from mm_gym.arrays import Array, Single
 from mm_gym.compiler.jit import LINKED, entry_point, plain
 from mm_gym.compiler.notice import expect
-from mm_gym.errors import ActionError, SceneError, SimulationError
+from mm_gym.errors import ActionError, SceneError, SimulationError, refuse
 from mm_gym.excitation.kinds import begin_excitation
 from mm_gym.lanes import layout
 from mm_gym.lanes.memory import rows_of
@@ -440,8 +440,7 @@ class Lanes:
             age += unfinished
             raise SimulationError(text_of(self.plant, self.values, self.rewards, status, age))
         if status == layout.NOT_FINITE:
-            msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
-            raise ActionError(msg)
+            refuse("action", "NaN or infinity", "finite numbers. Nothing was changed", ActionError)
 
 
 def applied_rows(actuators: Sequence[str]) -> slice:

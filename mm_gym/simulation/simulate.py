@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import OBSTACLE
 from mm_gym.compiler.notice import NOT_KEPT
-from mm_gym.errors import ActionError, SimulationError
+from mm_gym.errors import ActionError, SimulationError, finite_numbers, refuse
 from mm_gym.files import write_csv
 from mm_gym.lanes import layout
 from mm_gym.plant.compile import compile_scene
@@ -130,7 +130,7 @@ def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> 
         if duration is not None:
             msg = "times: has no effect together with duration; give one of them"
             raise SimulationError(msg)
-        instants = np.atleast_1d(_numbers("times", times, SimulationError))
+        instants = np.atleast_1d(finite_numbers("times", times, SimulationError))
         increasing = instants.ndim == 1 and instants.size and np.all(np.diff(instants) > 0.0)
         if not (increasing and instants[0] >= 0.0):
             msg = "times: allowed: a one-dimensional array of increasing instants of at least 0 s"
@@ -138,28 +138,11 @@ def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> 
         return instants
     if duration is None:
         return np.multiply(plant.time_step, np.arange(plant.steps + 1), dtype=np.float64)
-    length = _numbers("duration", duration, SimulationError)
+    length = finite_numbers("duration", duration, SimulationError)
     if not (length.shape == () and length > 0.0):
-        msg = f"duration: got {duration}; allowed: a number greater than 0 s"
-        raise SimulationError(msg)
+        refuse("duration", f"{duration}", "a number greater than 0 s", SimulationError)
     grid = plant.time_step * np.arange(_steps_until(float(length), plant.time_step))
     return np.concatenate([grid, length[None]], dtype=np.float64)
-
-
-def _numbers(name: str, value: object, error: type[Exception]) -> Array:
-    """Return finite numbers as an array; raise the error for anything else."""
-    try:
-        array = np.asarray(value)
-    except ValueError as problem:  # rows of different lengths
-        msg = f"{name}: not an array: {problem}"
-        raise error(msg) from None
-    if array.size and array.dtype.kind not in "fiu":
-        msg = f"{name}: got type {array.dtype}; allowed: numbers"
-        raise error(msg)
-    if not np.all(np.isfinite(array)):
-        msg = f"{name}: got NaN or infinity; allowed: finite numbers"
-        raise error(msg)
-    return array.astype(np.float64)
 
 
 def _steps_until(end: float, time_step: float) -> int:
@@ -180,13 +163,12 @@ def _commands(plant: Plant, action: ArrayLike | None, steps: int, start: Array) 
     commands[:, 0] = 0.0
     if action is None:
         return commands
-    given, count = _numbers("action", action, ActionError), len(plant.actuators)
+    given, count = finite_numbers("action", action, ActionError), len(plant.actuators)
     if given.ndim == 1 and count == 1 and given.shape != (1,):
         given = given[:, None]
     if given.shape not in ((), (count,), (steps, count)) or (given.shape == () and count != 1):
         allowed = f"({count},) or ({steps}, {count}) for {plant.actuators}"
-        msg = f"action: got shape {given.shape}; allowed: {allowed}"
-        raise ActionError(msg)
+        refuse("action", f"shape {given.shape}", allowed, ActionError)
     commands[:, _columns(plant)] = given
     return commands
 
@@ -209,7 +191,7 @@ def _follow_policy(lanes: Lanes, policy: Policy, recording: Recording) -> None:
     plant, many = lanes.plant, lanes.plant.support.intervals_per_step
     for first in range(0, len(recording.starts), many):
         now, state = first // many * plant.time_step, recording.states[first, :4].copy()
-        wanted = _numbers("action", policy(now, state), ActionError)
+        wanted = finite_numbers("action", policy(now, state), ActionError)
         run(lanes, _commands(plant, wanted, 1, lanes.values[:, 0]), recording, first)
 
 
@@ -236,15 +218,11 @@ def record_of(motion: ArrayLike) -> Generator[Recorded]:
 
 def checked_motion(motion: ArrayLike) -> Array:
     """Return a ground motion (k, 2) as finite numbers, or raise `SimulationError`."""
-    samples = np.asarray(motion)
-    shape = samples.shape
-    if samples.dtype.kind not in "fiu" or samples.ndim != 2 or shape[1] != 2 or shape[0] < 2:  # noqa: PLR2004
-        msg = f"ground: got shape {shape}; allowed: (k, 2) times [s] and accelerations [m/s^2]"
-        raise SimulationError(msg)
-    if not np.isfinite(samples).all():
-        msg = "ground: got NaN or infinity; allowed: finite numbers"
-        raise SimulationError(msg)
-    return samples.astype(np.float64)
+    samples = finite_numbers("ground", motion, SimulationError)
+    if samples.ndim != 2 or samples.shape[1] != 2 or len(samples) < 2:  # noqa: PLR2004
+        allowed = "(k, 2) times [s] and accelerations [m/s^2]"
+        refuse("ground", f"shape {samples.shape}", allowed, SimulationError)
+    return samples
 
 
 def warm(scene: Scene) -> float:

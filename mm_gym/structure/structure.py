@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
 from mm_gym.arrays import Array
-from mm_gym.errors import StructureError, refuse
+from mm_gym.errors import StructureError, finite_numbers, refuse
 from mm_gym.files import write_text
 from mm_gym.plant.compile import compile_scene
 from mm_gym.scene.part import Part
@@ -250,16 +250,7 @@ def _refuse(name: str, got: str, allowed: str) -> NoReturn:
 
 
 def _numbers(name: str, value: ArrayLike) -> Array:
-    try:
-        array = np.asarray(value)
-    except ValueError:  # rows of different lengths
-        array = np.asarray("")
-    if array.dtype.kind not in "fiu":
-        _refuse(name, f"{value!r}", "real numbers")
-    numbers = array.astype(np.float64)
-    if not np.isfinite(numbers).all():
-        _refuse(name, "NaN or infinity", "finite numbers")
-    return numbers
+    return finite_numbers(f"structure.{name}", value, StructureError)
 
 
 def _positive(name: str, value: ArrayLike) -> Array:
