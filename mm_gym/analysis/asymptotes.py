@@ -202,10 +202,8 @@ def bifurcation(
     if row == layout.DAMPING:  # of a semi-active damper; the row of the damped part follows
         lanes[support.damped_row] = points
     lanes[layout.X2] = lanes[layout.X1] + offset
-    if parameter == "sphere.mass" and scene.interface.kind == "dry_friction":
-        lanes[layout.FN] = (
-            points * GRAVITY if scene.interface.normal_force is None else lanes[layout.FN]
-        )
+    if parameter == "sphere.mass" and getattr(scene.interface, "normal_force", 0.0) is None:
+        lanes[layout.FN] = points * GRAVITY
     dry_friction.write_regimes(lanes, 0, points.size)
 
     def scene_of(index: int) -> Scene:
@@ -232,9 +230,11 @@ def _offsets(
     scene_of: Callable[[int], Scene], lanes: Array, report: Callable[[int], object]
 ) -> Array:
     """Return the asymptotic offsets (n,) [m] of lanes (rows, n) with the same kinds of parts."""
-    kind = scene_of(0)
-    _refuse_driven(kind)
-    if kind.interface.kind != "dry_friction":
+    first = scene_of(0)
+    if first.excitation:
+        msg = "excitation: allowed: none; a driven sphere does not come to rest"
+        raise SceneError(msg)
+    if first.interface.kind != "dry_friction":
         offsets = np.array([_from_first_integral(p, i, scene_of) for i, p in enumerate(lanes.T)])
         report(lanes.shape[1])
         return offsets
@@ -245,10 +245,10 @@ def _offsets(
     ends = np.minimum(np.arange(0, offsets.size, CHUNK) + CHUNK, offsets.size)
 
     def work(last: int) -> int:
-        first = (last - 1) // CHUNK * CHUNK
+        begin = (last - 1) // CHUNK * CHUNK
         if not nonlinear:
-            return cast("int", final_offsets(lanes, first, last, offsets))
-        for i in range(first, last):
+            return cast("int", final_offsets(lanes, begin, last, offsets))
+        for i in range(begin, last):
             offsets[i] = _follow(scene_of(i))
         return layout.OK
 
@@ -258,12 +258,6 @@ def _offsets(
             if status > layout.ENDED:
                 raise SimulationError(TOO_LONG)
     return offsets
-
-
-def _refuse_driven(scene: Scene) -> None:
-    if scene.excitation:
-        msg = "excitation: allowed: none; a driven sphere does not come to rest"
-        raise SceneError(msg)
 
 
 def _refuse_without_well(p: Array) -> None:
@@ -304,9 +298,8 @@ def _from_first_integral(p: Array, index: int, scene_of: Callable[[int], Scene])
 def _rest(p: Array, spring: Spring, scene: Scene | None) -> float:
     """Return where a damped carriage under a free sphere comes to rest [m]."""
     if spring.alpha == spring.beta == 0.0:
-        return float(
-            p[layout.X1] + p[layout.M1] * p[layout.V1] / p[layout.D]
-        )  # d x1 + m1 v1 is constant
+        # d x1 + m1 v1 is constant
+        return float(p[layout.X1] + p[layout.M1] * p[layout.V1] / p[layout.D])
     if scene is None:
         return 0.0
 
@@ -409,7 +402,7 @@ def critical_reference_velocity(scene: Scene) -> float:
     while low > 0.0 and _sticks(row, low):
         high, low = low, 0.5 * low
         if low < least:
-            low = 0.0
+            return 0.0
     if low == 0.0:
         return 0.0
     while high - low > RESOLUTION * high:
@@ -425,8 +418,7 @@ def _rounded_up(row: Array, velocity: float) -> float:
     """Return the velocity enlarged by the margin, or by more until nothing slips."""
     margin = MARGIN
     while margin <= WIDEST:
-        enlarged = velocity * (1.0 + margin)
-        if _sticks(row, enlarged):
+        if _sticks(row, enlarged := velocity * (1.0 + margin)):
             return enlarged
         margin *= 2.0
     msg = (

@@ -125,14 +125,12 @@ def modes(scene: Scene) -> Modes:
     uses the polynomial without its leading term.
     """
     values = linear_values(scene)
-    free = values.k2 == 0.0
     numerical = _ordered(_numerical(values))
-    closed = np.array(_closed_form(values), np.complex128)
     return Modes(
         eigenvalues=numerical,
         shapes=_shapes(values, numerical),
-        closed_form=_matched(closed, numerical),
-        defective=free and values.c == 0.0,
+        closed_form=_matched(_closed_form(values), numerical),
+        defective=values.k2 == values.c == 0.0,
     )
 
 
@@ -150,11 +148,8 @@ def _numerical(values: Linear) -> Roots:
         )
         e = np.diag([1.0, 1.0, m1, m2])
     if _separate(values):
-        return (
-            np.append(_roots(characteristic(values)[1:]), -(c + d) / m1)
-            if m1
-            else _roots(characteristic(values)[1:])
-        )
+        slow = np.roots(characteristic(values)[1:]).astype(np.complex128)
+        return np.append(slow, -(c + d) / m1) if m1 else slow
     if c == 0.0 and k2 == 0.0:
         pair = np.linalg.eigvals(np.array([[0.0, 1.0], [-k1 / m1, -d / m1]]))
         return np.append(pair, [0.0, 0.0])
@@ -171,14 +166,6 @@ def _separate(values: Linear) -> bool:
         return False
     slow = (abs(k1) + k2) / resistance + c / m2 + np.sqrt(k2 / m2)
     return bool(m1 * slow <= NEGLIGIBLE * resistance)
-
-
-def _roots(polynomial: Array) -> Roots:
-    """Return the roots of a polynomial; those at zero are exact."""
-    trimmed = np.trim_zeros(polynomial, "b")
-    return np.append(np.roots(trimmed), np.zeros(len(polynomial) - len(trimmed))).astype(
-        np.complex128
-    )
 
 
 def _closed_form(values: Linear) -> list[complex]:
@@ -251,12 +238,11 @@ def _ordered(roots: Roots) -> Roots:
     return roots[np.lexsort((roots.imag, key))].astype(np.complex128)
 
 
-def _matched(roots: Roots, reference: Roots) -> Roots:
+def _matched(roots: list[complex], reference: Roots) -> Roots:
     """Return the roots in the order of the reference, each nearest to its own."""
     left = list(roots)
-    return np.array(
-        [left.pop(int(np.argmin([abs(root - wanted) for root in left]))) for wanted in reference]
-    )
+    nearest = [left.pop(int(np.argmin(np.abs(np.array(left) - wanted)))) for wanted in reference]
+    return np.array(nearest, np.complex128)
 
 
 def _shapes(values: Linear, eigenvalues: Roots) -> NDArray[np.complex128]:
@@ -270,14 +256,9 @@ def _shapes(values: Linear, eigenvalues: Roots) -> NDArray[np.complex128]:
         coupling = k2 + c * s
         first = m1 * s * s + (c + d) * s + k1 + k2
         second = m2 * s * s + coupling
-        # The sphere's row can vanish if nothing couples the sphere: c = k2 = 0.
-        shape = (
-            np.array([second, coupling])
-            if abs(second) + abs(coupling) > 0.0
-            else np.array([coupling, first])
-        )
-        if coupling == 0.0:
-            shape = np.array([1.0, 0.0]) if abs(first) < abs(second) else np.array([0.0, 1.0])
+        shape = np.array([second, coupling])
+        if coupling == 0.0:  # the row can vanish if nothing couples the sphere
+            shape = np.array([1.0, 0.0] if abs(first) < abs(second) else [0.0, 1.0])
         largest = int(np.argmax(np.abs(shape)))
         shapes[:, n] = shape / shape[largest]
         shapes[largest, n] = 1.0

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mm_gym.arrays import Array
-from mm_gym.errors import SceneError, refuse, suggest
+from mm_gym.errors import SceneError, check_name, refuse
 from mm_gym.scene.mechanics import (
     Carriage,
     DryFriction,
@@ -134,12 +134,8 @@ NAMES = tuple(SCENES)  # every system of the paper
 
 def scene(name: str) -> Scene:
     """Return a system of the paper, such as "fig2a"; raise `SceneError` for an unknown name."""
-    try:
-        return SCENES[name]
-    except KeyError:
-        known = ", ".join(NAMES)
-        msg = f"{name!r} is not a system of the paper{suggest(name, NAMES)}; allowed: {known}"
-        raise SceneError(msg) from None
+    check_name("system of the paper", name, NAMES)
+    return SCENES[name]
 
 
 def friction_of(system: Scene) -> DryFriction:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array
-from mm_gym.errors import SceneError, refuse, suggest
+from mm_gym.errors import SceneError, check_name, refuse
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process as process
 from mm_gym.excitation import kinds as kernels
@@ -369,9 +369,7 @@ def state_space_of(
 def _names(what: str, given: Sequence[str], allowed: Mapping[str, object]) -> tuple[str, ...]:
     names = (given,) if isinstance(given, str) else tuple(given)
     for name in names:
-        if name not in allowed:
-            near = suggest(str(name), allowed)
-            refuse(what, f"{name!r}{near}", ", ".join(allowed))
+        check_name(what, name, allowed)
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         msg = f"{what}: {twice[0]!r} is listed more than once"

@@ -9,12 +9,11 @@ import numpy as np
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import SimulationError, suggest
+from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring, dry_friction, springs
 from mm_gym.law.interface import MOST_STATES
 from mm_gym.methods.support import Support
-from mm_gym.step.channels import CHANNELS
 
 
 def spring_force(support: Support, p: Array, state: Array, stretch: Array) -> Array:
@@ -113,13 +112,6 @@ def acceleration(
     if support.is_between:
         inner = inner + applied[:, 0]
     return np.column_stack([(inner + outer) / p[layout.M1], -inner / p[layout.M2]])
-
-
-def check_channel(name: str) -> None:
-    """Raise `SimulationError` for a name that is no channel's."""
-    if name not in CHANNELS:
-        msg = f"channel: got {name!r}{suggest(name, CHANNELS)}; allowed: {', '.join(CHANNELS)}"
-        raise SimulationError(msg)
 
 
 def root_mean_square(time: Array, values: Array) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from mm_gym.arrays import Array
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, drawn, legend_below, panels
-from mm_gym.errors import SimulationError
+from mm_gym.errors import SimulationError, check_name
 from mm_gym.files import write_csv
 from mm_gym.lanes import layout
 from mm_gym.law.springs import LINEAR
@@ -23,7 +23,6 @@ from mm_gym.simulation.recording import Place, Recording, excitation
 from mm_gym.simulation.response import (
     acceleration,
     base_force,
-    check_channel,
     damped,
     interface_energy,
     root_mean_square,
@@ -33,8 +32,6 @@ from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-UNITS = {"force": "N", "stretch": "-", "damping": "N s/m", "voltage": "V"}
 
 EXCITATION = ("disturbance [N]", "ground [m/s²]")  # labels of the excitation's axes
 
@@ -120,7 +117,7 @@ class Trajectory:
         SimulationError
             If there is no such channel, or the scene has no actuator for it.
         """
-        check_channel(name)
+        check_name("channel", name, CHANNELS, SimulationError)
         channel = CHANNELS[name]
         if channel.row in range(4):
             values = self.state[:, channel.row]
@@ -175,7 +172,7 @@ class Trajectory:
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write time, state, action and excitation as columns with units; all digits are kept."""
         header = ["time [s]", "x1 [m]", "x2 [m]", "v1 [m/s]", "v2 [m/s]"]
-        header += [f"{name} [{UNITS[name]}]" for name in self.actuators]
+        header += [ACTUATORS[name] for name in self.actuators]
         header += ["disturbance [N]", "ground acceleration [m/s^2]"]
         write_csv(path, header, [self.time, *self.state.T, *self.action.T, *self.excitation.T])
 

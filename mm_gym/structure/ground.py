@@ -10,7 +10,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from mm_gym.errors import StructureError, refuse, suggest
+from mm_gym.errors import StructureError, check_name, refuse, suggest
 from mm_gym.scene.part import Part
 
 Entry = Mapping[str, object] | Part
@@ -31,8 +31,6 @@ REPEATED = ("harmonic", "sweep", "record")
 own record; so is an impulse of one size at a given time."""
 
 MEASURES = ("peak", "spectral_acceleration")  # fields of `scale_to` that may be drawn
-
-MAPPINGS = ("exact", "balanced")
 
 SAME = 1e-12  # relative difference of the ground's effect on both masses that is round-off
 
@@ -55,9 +53,7 @@ class Shaking(NamedTuple):
         self, ground: Entry | Sequence[Entry], mass: float, mapping: str
     ) -> list[list[Effect]]:
         """Return the one or two entries that stand for each motion of the ground."""
-        if mapping not in MAPPINGS:
-            nearest = suggest(str(mapping), MAPPINGS)
-            refuse("mapping", f"{mapping!r}{nearest}", "'exact' or 'balanced'", StructureError)
+        check_name("mapping", mapping, ("exact", "balanced"), StructureError)
         check_mass(mass)
         entries = [ground] if isinstance(ground, Part | Mapping) else ground
         return [

@@ -42,7 +42,7 @@ def without_dimension(values: Linear) -> Linear:
 def transfer(values: Linear, excitation: str, channel: str) -> Transfer:
     """Return the transfer function to one of `CHANNELS`, of coefficients `without_dimension`."""
     x1, x2, absolute1, absolute2 = _numerators(values, excitation)
-    offset = _sum(x2, -x1)
+    offset = np.polyadd(x2, -x1).astype(np.float64)
     numerator = {
         "carriage_displacement": x1,
         "sphere_displacement": x2,
@@ -79,17 +79,9 @@ def _numerators(
     if excitation == "force":
         return sphere, link, np.append(sphere, [0.0, 0.0]), np.append(link, [0.0, 0.0])
     # x1 and x2 relative to the ground; with the ground's own acceleration in the last two
-    x1, x2 = -_sum(m1 * sphere, m2 * link), -_sum(m2 * carriage, m1 * link)
+    x1 = -np.polyadd(m1 * sphere, m2 * link).astype(np.float64)
+    x2 = -np.polyadd(m2 * carriage, m1 * link).astype(np.float64)
     return x1, x2, np.convolve(support, sphere), np.convolve(support, link)
-
-
-def _sum(a: Polynomial, b: Polynomial) -> Polynomial:
-    """Return the sum of two polynomials, which may have different degrees."""
-    size = max(len(a), len(b))
-    total = np.zeros(size)
-    total[size - len(a) :] += a
-    total[size - len(b) :] += b
-    return total
 
 
 def si_factor(values: Linear, excitation: str, channel: str) -> float:
@@ -205,16 +197,11 @@ def variance(transfer: Transfer) -> float:
             return np.inf  # an eigenvalue that does not decay
         alpha, beta = a[0] / a[1], b[0] / a[1]
         total += beta * beta / (2.0 * alpha)
-        a, b = _reduced(a, b, alpha, beta)
+        lower, rest = a[1:].copy(), b[1:].copy()  # the table's next rows
+        lower[1::2] -= alpha * np.append(a[2:], 0.0)[1::2]
+        rest[1::2] -= beta * a[3::2]
+        a, b = lower, rest
     return float(total)
-
-
-def _reduced(a: Array, b: Array, alpha: float, beta: float) -> tuple[Array, Array]:
-    """Return the table's next rows."""
-    lower, rest = a[1:].copy(), b[1:].copy()
-    lower[1::2] -= alpha * np.append(a[2:], 0.0)[1::2]
-    rest[1::2] -= beta * a[3::2]
-    return lower, rest
 
 
 def abscissa(denominator: Array) -> float:
