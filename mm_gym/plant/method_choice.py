@@ -42,7 +42,7 @@ def choose(solver: Solver, support: Support) -> tuple[Method, tuple[str, ...]]:
     for method in applicable:
         if method.name == asked:
             return method, (f"solver.method asks for it in place of {chosen.name!r}",)
-    allowed = ", ".join(repr(name) for name in ("auto", *_names(applicable)))
+    allowed = ", ".join(map(repr, dict.fromkeys(("auto", *(m.name for m in applicable)))))
     why = f"({'; '.join(reasons)})"
     msg = f"solver.method: {asked!r} does not apply to this scene {why}; allowed: {allowed}"
     raise CompileError(msg)
@@ -60,16 +60,21 @@ def _takes(
     return why is None
 
 
-def _names(applicable: list[Method]) -> list[str]:
-    return list(dict.fromkeys(method.name for method in applicable))
-
-
 def _reasons(support: Support, obstacles: dict[Method, str], chosen: Method) -> tuple[str, ...]:
     """Return the reasons for the choice, one clause each."""
-    reasons = [*_nonlinearities(support), *_instability(support), *_friction(support)]
+    low, high, instability = support.low, support.high, _instability(support)
     if support.kind == MASSLESS:
-        balance = "carriage.mass is 0: the forces on the carriage balance"
-        return balance, *_instability(support), FIXED
+        return "carriage.mass is 0: the forces on the carriage balance", *instability, FIXED
+    reasons: list[str] = []
+    if support.is_cubic:
+        furthest = max(high[layout.BETA], low[layout.BETA], key=abs)
+        reasons.append(f"carriage.cubic_coefficient reaches {furthest:g} 1/m^2")
+    if high[layout.L0] > 0.0:
+        reasons.append("springs of finite stretch")
+    reasons += instability
+    if support.slips:
+        velocity = f"interface.reference_velocity = {low[layout.VR]:g} m/s"
+        reasons.append(f"dry friction may slip faster than {velocity}")
     earlier = methods.METHODS[: methods.METHODS.index(chosen)]
     before = [method for method in earlier if support.kind in method.kinds]
     skipped = [f"not {method.title}: {obstacles[method]}" for method in before]
@@ -78,22 +83,17 @@ def _reasons(support: Support, obstacles: dict[Method, str], chosen: Method) -> 
     if support.is_general:
         reasons.append(f"{support.general_because}; such a force is known by its value only")
     elif not support.slips:
-        reasons.append(_coupling(support))
-    moves = [_moves(name, support) for name in support.varying]
+        is_joined = high[layout.C] > 0.0 or high[layout.K0] > 0.0
+        free = "nothing joins the sphere to the carriage"
+        reasons.append("all forces are linear in the state" if is_joined else free)
+    moves: list[str] = []
+    for name in support.varying:
+        row = support.names[name]
+        moving = "the stretch" if row == layout.STRETCH else name
+        moves.append(f"{moving} takes values from {low[row]:g} to {high[row]:g}")
     if support.sampled:
         moves.append("there is excitation other than harmonics")
     return (*reasons, *(moves or [FIXED]), *skipped)
-
-
-def _nonlinearities(support: Support) -> list[str]:
-    reasons: list[str] = []
-    low, high = support.low[layout.BETA], support.high[layout.BETA]
-    if support.is_cubic:
-        furthest = low if -low > high else high
-        reasons.append(f"carriage.cubic_coefficient reaches {furthest:g} 1/m^2")
-    if support.high[layout.L0] > 0.0:
-        reasons.append("springs of finite stretch")
-    return reasons
 
 
 def _instability(support: Support) -> list[str]:
@@ -107,22 +107,3 @@ def _instability(support: Support) -> list[str]:
     if beta < 0.0 < support.high[layout.ALPHA]:
         reasons.append(f"the carriage escapes beyond the barrier at {place}")
     return reasons
-
-
-def _friction(support: Support) -> list[str]:
-    if not support.slips:
-        return []
-    velocity = f"interface.reference_velocity = {support.low[layout.VR]:g} m/s"
-    return [f"dry friction may slip faster than {velocity}"]
-
-
-def _coupling(support: Support) -> str:
-    if support.high[layout.C] > 0.0 or support.high[layout.K0] > 0.0:
-        return "all forces are linear in the state"
-    return "nothing joins the sphere to the carriage"
-
-
-def _moves(name: str, support: Support) -> str:
-    row = support.names[name]
-    name = "the stretch" if row == layout.STRETCH else name
-    return f"{name} takes values from {support.low[row]:g} to {support.high[row]:g}"
