@@ -36,25 +36,17 @@ def observation_space(plant: Plant) -> Box:
 
 def _bounds(plant: Plant, channel: Observed) -> tuple[float, float]:
     """Return the least and largest value of a channel as it is shown; infinite if not known."""
-    limit = plant.task[layout.FORCE_LIMIT]
-    reached = {
-        layout.FORCE: (-limit, limit),
-        layout.STRETCH: (plant.support.low[layout.STRETCH], plant.support.high[layout.STRETCH]),
-        layout.DAMPING: (plant.support.low[layout.DAMPING], plant.support.high[layout.DAMPING]),
-    }
-    low, high = reached.get(CHANNELS[channel.name].row, (-np.inf, np.inf))
+    row, support, low, high = CHANNELS[channel.name].row, plant.support, -np.inf, np.inf
+    if row == layout.FORCE:
+        low, high = -plant.task[layout.FORCE_LIMIT], plant.task[layout.FORCE_LIMIT]
+    elif row in (layout.STRETCH, layout.DAMPING):
+        low, high = support.low[row], support.high[row]
+    bias = support.names.get(f"sensors.bias.{channel.name}")
+    is_biased = bias is not None and (support.low[bias] < 0.0 or support.high[bias] > 0.0)
     # A constant would make a box that cannot be scaled.
-    if channel.noise > 0.0 or _is_biased(plant, channel) or not low < high:
+    if channel.noise > 0.0 or is_biased or not low < high:
         low, high = -np.inf, np.inf
     return _shown(low, channel, -1), _shown(high, channel, 1)
-
-
-def _is_biased(plant: Plant, channel: Observed) -> bool:
-    support, name = plant.support, f"sensors.bias.{channel.name}"
-    if name not in support.names:
-        return False
-    row = support.names[name]
-    return bool(support.low[row] < 0.0 or support.high[row] > 0.0)
 
 
 def _shown(value: float, channel: Observed, side: int) -> float:
@@ -98,14 +90,10 @@ class Terms:
         task = plant.task
         self._reactions = {name: task[slot] for name, slot in REACTIONS.items() if task[slot] > 0.0}
         self.names = (OWN,) if own else (*TERMS, *self._reactions)
-        self._weights = task[
-            [
-                layout.WEIGHT_DISPLACEMENT,
-                layout.WEIGHT_VELOCITY,
-                layout.WEIGHT_EFFORT,
-                layout.WEIGHT_STROKE,
-            ]
-        ].tolist()
+        self._weights = (
+            *(task[layout.WEIGHT_DISPLACEMENT], task[layout.WEIGHT_VELOCITY]),
+            *(task[layout.WEIGHT_EFFORT], task[layout.WEIGHT_STROKE]),
+        )
         self._furthest, self._rail = task[layout.DISPLACEMENT_LIMIT], task[layout.RAIL_LIMIT]
         self._actuators = len(plant.actuators)
 

@@ -253,18 +253,14 @@ def _probes(scene: Scene) -> Array:
     for row, end in ends.items():
         lanes[row] = end * drawn[row]
     lanes[layout.X2] += lanes[layout.X1]
-    if scene.springs.kind not in WITHOUT_STRETCH:
-        low, high = _stretches(scene)
-        lanes[layout.STRETCH] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[layout.STRETCH]
+    ranges: dict[int, tuple[float, float]] = {}
+    if (actuator := scene.actuation.stretch) is not None:
+        ranges[layout.STRETCH] = actuator.minimum, actuator.maximum
+    elif scene.springs.kind not in WITHOUT_STRETCH:
+        stretch = scene.range_of("springs.stretch", scene.value_of("springs.stretch"))
+        ranges[layout.STRETCH] = bounds(stretch)
     if (damper := scene.actuation.device) is not None:
-        low, high = damper.minimum, damper.maximum
-        lanes[layout.DAMPING] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[layout.DAMPING]
+        ranges[layout.DAMPING] = damper.minimum, damper.maximum
+    for row, (low, high) in ranges.items():
+        lanes[row] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[row]
     return lanes
-
-
-def _stretches(scene: Scene) -> tuple[float, float]:
-    """Return the least and the largest stretch of the springs."""
-    actuator = scene.actuation.stretch
-    if actuator is not None:
-        return actuator.minimum, actuator.maximum
-    return bounds(scene.range_of("springs.stretch", scene.value_of("springs.stretch")))

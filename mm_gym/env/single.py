@@ -263,9 +263,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         terminated = truncated = False
         if status:
             lanes = self._lanes
-            self._running = (
-                status == layout.NOT_FINITE
-            )  # the action is refused, nothing has changed
+            self._running = status == layout.NOT_FINITE  # which is refused and changes nothing
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
         if self._is_plain:  # the common case

@@ -259,12 +259,6 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
                 return final
         return None
 
-    def _finished(self) -> NDArray[np.bool_]:
-        """Return the mask of the lanes whose episodes are over."""
-        mask = np.zeros(self.num_envs, np.bool_)
-        mask[self._over] = True
-        return mask
-
     def _restart(self, *, paused: bool = False) -> None:
         """Begin an episode in the finished lanes, see `Lanes.restart`."""
         self._lanes.restart(self._over, paused=paused)
@@ -286,12 +280,8 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
             others = self._rewards_and_limits()
             info |= {name: np.where(mask, rows.T, 0.0).T for name, rows in others.items()}
         masks = {f"_{name}": mask for name in info}
-        return {
-            "final_obs": observations,
-            "_final_obs": mask,
-            "final_info": info | masks,
-            "_final_info": mask,
-        }
+        final = {"final_obs": observations, "final_info": info | masks}
+        return final | {f"_{name}": mask for name in final}
 
     def _outputs(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
         """Return observations, terminated, truncated, states and what was applied."""
@@ -304,25 +294,13 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         return observed, terminated.copy(), truncated.copy(), state, applied
 
     def _info(self, state: Array, applied: Array) -> dict[str, Any]:
-        everywhere = self._everywhere
+        every = self._everywhere
         if self._level == "light":  # the common case
-            return {
-                "state": state,
-                "_state": everywhere,
-                "applied": applied,
-                "_applied": everywhere,
-            }
-        entries = self._entries(state, applied)
-        return entries | {f"_{name}": everywhere for name in entries}
-
-    def _entries(self, state: Array, applied: Array) -> dict[str, Array]:
-        """Return the entries of the information, of all lanes."""
+            return {"state": state, "_state": every, "applied": applied, "_applied": every}
         if self._level == "none":
             return {}
-        entries = {"state": state, "applied": applied}
-        if self._level == "light":
-            return entries
-        return entries | self._rewards_and_limits()
+        entries = {"state": state, "applied": applied} | self._rewards_and_limits()
+        return entries | {f"_{name}": every for name in entries}
 
     def _rewards_and_limits(self) -> dict[str, Array]:
         copies = {name: row.copy() for name, row in self._rewards.items()}
@@ -334,8 +312,8 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         The last axis of every array is that of the lanes. You may repeat, permute or leave out
         lanes to make the state of another number of lanes.
         """
-        flags = {"finished": self._finished(), "seeded": self._seeded}
-        return self._lanes.snapshot() | flags
+        finished = np.isin(np.arange(self.num_envs), self._over)
+        return self._lanes.snapshot() | {"finished": finished, "seeded": self._seeded}
 
     def set_state(self, state: Mapping[str, object]) -> None:
         """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""

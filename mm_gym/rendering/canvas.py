@@ -59,7 +59,9 @@ class Canvas:
         self._fine = self._pygame.Surface((FINE * BAND_SIZE[0], FINE * BAND_SIZE[1]), 0, 32)
         self._fonts: dict[int, Any] = {}
         self._rendered = lru_cache(TEXTS_KEPT)(self._render)
-        self._bar = self._colour_bar()
+        self._bar = self._pygame.Surface(BAR, 0, 24)
+        for y in range(BAR[1]):
+            self._bar.fill(spring_colour(1.0 - (y + 0.5) / BAR[1]), (0, y, BAR[0], 1))
         self._texts: list[tuple[Any, tuple[int, int]]] = []
 
     def clear(self) -> None:
@@ -92,13 +94,6 @@ class Canvas:
     def colour_bar(self, left: float, top: float) -> None:
         """Put the scale of the springs' colours, of size `BAR`, the longest above."""
         self._picture.blit(self._bar, (round(PIXELS * left), round(PIXELS * top)))
-
-    def _colour_bar(self) -> Any:  # noqa: ANN401 - as of finish
-        width, height = BAR
-        bar = self._pygame.Surface(BAR, 0, 24)
-        for y in range(height):
-            bar.fill(spring_colour(1.0 - (y + 0.5) / height), (0, y, width, 1))
-        return bar
 
     def dot(self, centre: Point, radius: float, colour: Colour) -> None:
         """Fill a small circle."""

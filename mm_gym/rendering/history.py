@@ -15,9 +15,7 @@ from mm_gym.rendering.subject import Subject
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.step.outputs import excitation
 
-KEPT = (
-    layout.DAMPING + 1
-)  # rows that are kept of a lane's own: its state, and what the actuators apply
+KEPT = layout.DAMPING + 1  # rows kept of a lane's own: its state, and what the actuators apply
 
 STEP, PUSH, SHAKE, GROUND, GROUND_VELOCITY = range(KEPT, KEPT + 5)
 """Further rows: control steps since the episode began, force of the excitation [N], acceleration
@@ -79,14 +77,8 @@ class History:
         if self._subject.acceleration:
             now[SHAKE] = self._excitation(model, values, True, every)
             self._follow(now, starts)
-        sizes = np.abs(
-            (
-                np.abs(now[layout.X1]) + np.abs(now[GROUND]),
-                now[layout.X2] - now[layout.X1],
-                now[PUSH],
-                now[SHAKE],
-            )
-        )
+        furthest = np.abs(now[layout.X1]) + np.abs(now[GROUND])
+        sizes = np.abs((furthest, now[layout.X2] - now[layout.X1], now[PUSH], now[SHAKE]))
         sizes = np.where(np.isfinite(sizes), sizes, 0.0)
         self._peaks = np.where(starts, sizes, np.maximum(self._peaks, sizes))
         self.noted += 1

@@ -204,15 +204,11 @@ class Picture:
         time = past.now(rows.STEP) * subject.time_step
         decimals = min(len(f"{subject.time_step:.6f}".rstrip("0").partition(".")[2]), 6)
         canvas.text(f"t = {time:.{decimals}f} s", (16, 22), look.LARGE)
-        frame = ""
+        magnified = f"displacements {TIMES} {text_of(view.magnification)} at 96 dpi"
+        notes = [subject.speed, magnified]
         if subject.acceleration:
-            frame = f"camera follows the ground below {subject.camera_frequency:.2g} Hz"
-        notes = [
-            subject.speed,
-            f"displacements {TIMES} {text_of(view.magnification)} at 96 dpi",
-            frame,
-        ]
-        for k, note in enumerate(filter(None, notes)):
+            notes.append(f"camera follows the ground below {subject.camera_frequency:.2g} Hz")
+        for k, note in enumerate(notes):
             canvas.text(note, (look.WIDTH - 16, 20 + 16 * k), look.SMALL, look.GREY, 1.0)
 
     def _draw_readings(self, past: Past) -> None:
@@ -229,16 +225,14 @@ class Picture:
             shake = reading(past.now(rows.SHAKE), subject.acceleration)
             entries.append((f"ground {shake} m/s²", look.DISTURBANCE))
         if can_be_seen(subject):
-            entries.append(
-                (_impulse_text(subject, recent_impulse(subject, past)), look.DISTURBANCE)
-            )
+            impulse = recent_impulse(subject, past)
+            entries.append((_impulse_text(subject, impulse), look.DISTURBANCE))
         if subject.has_springs and past.now(layout.STRETCH) >= UNSTRETCHED:
             entries.append((f"stretch λ = {past.now(layout.STRETCH):.2f}", look.STRETCH))
         if subject.damped_row:
             held = reading(past.now(layout.DAMPING), subject.damping_range[1])
-            entries.append(
-                (f"{subject.device} {held} {CHANNELS[subject.device].unit}", look.DAMPING)
-            )
+            unit = CHANNELS[subject.device].unit
+            entries.append((f"{subject.device} {held} {unit}", look.DAMPING))
         if subject.interface == "dry_friction":
             slip = abs(past.now(layout.V2) - past.now(layout.V1))
             slips = slip > (past.lane[layout.VR] or subject.idle_velocity)

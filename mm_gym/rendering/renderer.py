@@ -114,11 +114,8 @@ class Renderer:
         shown = min(self._lanes.count, MOST_TILES)
         across = ceil(sqrt(shown))
         down = ceil(shown / across)
-        return (
-            across,
-            down,
-            min(1.0, MOST_WIDTH / (across * SIZE[0]), MOST_HEIGHT / (down * SIZE[1])),
-        )
+        scale = min(1.0, MOST_WIDTH / (across * SIZE[0]), MOST_HEIGHT / (down * SIZE[1]))
+        return across, down, scale
 
     @cached_property
     def _window(self) -> Window:
@@ -135,7 +132,10 @@ class Renderer:
         if watched and self._mode == "human":
             self._show(paced=True)
         if watched and self._mode == LIST:
-            self._collect()
+            for lane, frames in enumerate(self._collected):
+                if self._history.starts[lane]:
+                    frames.clear()
+                frames.append(self._frame(lane))
 
     def render(self) -> list[Frame] | list[list[Frame]] | None:
         """Return each lane's picture, or the list of those since the last call, or show them."""
@@ -158,12 +158,6 @@ class Renderer:
 
     def _frame(self, lane: int) -> Frame:
         return self._picture.pixels(self._history.past(lane))
-
-    def _collect(self) -> None:
-        for lane, frames in enumerate(self._collected):
-            if self._history.starts[lane]:
-                frames.clear()
-            frames.append(self._frame(lane))
 
     def _show(self, *, paced: bool) -> None:
         if self._lanes.count == 1:
