@@ -25,19 +25,15 @@ ROUND_OFF = 2.0**-54  # relative size below which a term of a series changes not
 class Settings(NamedTuple):
     """The fields of ``solver`` that methods read."""
 
-    tolerance: float
-    """bound of the relative error over a control step"""
-    substeps: int
-    """number of substeps in each sample interval, for a fixed-step method"""
+    tolerance: float  # bound of the relative error over a control step
+    substeps: int  # in each sample interval, for a fixed-step method
 
 
 class Option(NamedTuple):
     """The field of ``solver`` that sets a method's accuracy."""
 
-    name: str
-    """name of a field of `Settings`"""
-    values: tuple[float, ...]
-    """values that a work-precision measurement tries, from coarse to fine"""
+    name: str  # of a field of `Settings`
+    values: tuple[float, ...]  # that a work-precision measurement tries, from coarse to fine
 
 
 class Method(ABC):
@@ -59,6 +55,8 @@ class Method(ABC):
         The field of ``solver`` that sets its accuracy, if any.
     tightest
         The smallest tolerance that it keeps.
+    beyond
+        What its error has beyond the tolerance, for messages.
     """
 
     name: ClassVar[str]
@@ -68,6 +66,7 @@ class Method(ABC):
     entries: ClassVar[Entries]
     option: ClassVar[Option | None] = None
     tightest: ClassVar[float] = 0.0
+    beyond: ClassVar[str] = ""
 
     def entries_of(self, support: Support) -> Entries:  # noqa: ARG002 - most have one kind
         """Return the compiled functions for a support."""
@@ -116,9 +115,9 @@ class Method(ABC):
     def cost(self, model: Array) -> str:
         """Return the work of one sample interval in words."""
 
-    @abstractmethod
     def bound(self, settings: Settings) -> str:
-        """Return the bound of the error in words."""
+        """Return the bound of the error in words: the tolerance, if it is not overridden."""
+        return f"{settings.tolerance:g} of the state's scale over a control step{self.beyond}"
 
     def constants(self, support: Support, settings: Settings) -> Array:
         """Return the model array: the kernel's constants, then the excitation's description."""
@@ -148,12 +147,28 @@ def refuse_overflow(support: Support) -> Generator[None]:
     try:
         yield
     except OverflowError as error:
-        msg = (
-            f"control.time_step: a sample interval of {support.sample_interval} s is too long for "
-            "this scene's rates: "
-            f"{error}"
-        )
+        what = f"a sample interval of {support.sample_interval} s"
+        msg = f"control.time_step: {what} is too long for this scene's rates: {error}"
         raise CompileError(msg) from error
+
+
+def refuse_long_interval(
+    support: Support,
+    phase: float,
+    longest: float,
+    *,
+    unit: str = "the scene's shortest time constant",
+    remedy: str = "lower the fastest rate",
+) -> None:
+    """Raise `CompileError` if a sample interval is longer than so many units of time."""
+    if not phase <= longest:
+        interval = support.sample_interval
+        msg = (
+            f"control.time_step: a sample interval of {interval} s is {phase:.3g} times {unit}, "
+            f"{interval / phase:.3g} s; allowed: {longest:.4g} times. Shorten the control step, or "
+            f"{remedy}"
+        )
+        raise CompileError(msg)
 
 
 def header(support: Support, own: int) -> Array:

@@ -19,8 +19,10 @@ class FixedStep(Method):
     """A method with equal substeps in each sample interval."""
 
     kinds = (LINEAR, PARAMETRIC_LINEAR, SMOOTH_NONLINEAR)
-    evaluations: ClassVar[int]
-    """evaluations of the forces in a substep"""
+    evaluations: ClassVar[int]  # of the forces in a substep
+    power: ClassVar[int]  # order of the error
+    falls_with: ClassVar[str]  # the error, in words
+    stable: ClassVar[str]  # the product of rate and substep below which it falls
 
     def model(self, support: Support, settings: Settings) -> Array:
         """Return the number of substeps and the kind of springs."""
@@ -33,6 +35,17 @@ class FixedStep(Method):
         """Return the number of evaluations of the forces."""
         return f"{self.evaluations * int(model[kernel.SUBSTEPS])} evaluations of the forces"
 
+    def order(self, settings: Settings) -> str:  # noqa: ARG002 - it is fixed
+        """Return the order."""
+        return f"{self.power}"
+
+    def bound(self, settings: Settings) -> str:  # noqa: ARG002 - it has none
+        """Return where it is stable."""
+        return (
+            f"none: the error falls with {self.falls_with} while rate * substep < {self.stable}, "
+            "and grows without limit beyond"
+        )
+
 
 class RK4(FixedStep):
     """The classical Runge-Kutta method (Kutta, 1901)."""
@@ -40,20 +53,9 @@ class RK4(FixedStep):
     name = "rk4"
     title = "the classical Runge-Kutta method"
     how = "classical Runge-Kutta method with fixed substeps; kept for comparison"
-    evaluations = 4
+    evaluations, power, falls_with, stable = 4, 4, "the fourth power of the substep", "2.8"
     entries = build(kernel.propagate_rk4)
     option = Option("substeps", tuple(2.0**k for k in range(12)))
-
-    def order(self, settings: Settings) -> str:  # noqa: ARG002 - it is fixed
-        """Return the order."""
-        return "4"
-
-    def bound(self, settings: Settings) -> str:  # noqa: ARG002 - it has none
-        """Return where it is stable."""
-        return (
-            "none: the error falls with the fourth power of the substep while rate * substep "
-            "< 2.8, and grows without limit beyond"
-        )
 
 
 class SemiImplicitEuler(FixedStep):
@@ -62,17 +64,6 @@ class SemiImplicitEuler(FixedStep):
     name = "semi_implicit_euler"
     title = "the semi-implicit Euler method"
     how = "velocities first, then positions, with fixed substeps; kept for comparison"
-    evaluations = 1
+    evaluations, power, falls_with, stable = 1, 1, "the substep", "2"
     entries = build(kernel.propagate_semi_implicit_euler)
     option = Option("substeps", tuple(4.0**k for k in range(8)))
-
-    def order(self, settings: Settings) -> str:  # noqa: ARG002 - it is fixed
-        """Return the order."""
-        return "1"
-
-    def bound(self, settings: Settings) -> str:  # noqa: ARG002 - it has none
-        """Return where it is stable."""
-        return (
-            "none: the error falls with the substep while rate * substep < 2, "
-            "and grows without limit beyond"
-        )

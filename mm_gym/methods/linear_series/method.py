@@ -8,10 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.arrays import Array
-from mm_gym.errors import CompileError
 from mm_gym.lanes import layout
 from mm_gym.law.linear_motion import respond
-from mm_gym.methods.base import ExactMethod, Method, Option, Settings, degree, header
+from mm_gym.methods.base import (
+    ExactMethod,
+    Method,
+    Option,
+    Settings,
+    degree,
+    header,
+    refuse_long_interval,
+)
 from mm_gym.methods.linear_series import kernel
 from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, fastest_decay, fastest_oscillation
 from mm_gym.step.control_step import build
@@ -96,10 +103,6 @@ class TruncatedSeries(Method):
         count = f"{int(model[kernel.PIECES])} x {int(model[kernel.DEGREE])}"
         return f"{count} derivatives of some 10 products each"
 
-    def bound(self, settings: Settings) -> str:
-        """Return the tolerance."""
-        return f"{settings.tolerance:g} of the state's scale over a control step"
-
 
 def _model(support: Support, degree_of_piece: Callable[[float, float], int]) -> Array:
     """Return the constants of the kernel.
@@ -109,15 +112,8 @@ def _model(support: Support, degree_of_piece: Callable[[float, float], int]) -> 
     """
     phase = rate_of(support) * support.sample_interval
     pieces = max(1.0, np.ceil(phase / LONGEST_PIECE))
-    if not pieces <= MOST_PIECES:
-        msg = (
-            f"control.time_step: a sample interval of {support.sample_interval} s spans "
-            f"{phase:.3g} times the scene's shortest time constant "
-            f"{support.sample_interval / phase:.3g} s; the series allows "
-            f"{LONGEST_PIECE * MOST_PIECES:.0f}. Shorten the control step, "
-            "or fix what is randomised or actuated"
-        )
-        raise CompileError(msg)
+    remedy = "fix what is randomised or actuated"
+    refuse_long_interval(support, phase, LONGEST_PIECE * MOST_PIECES, remedy=remedy)
     terms = degree_of_piece(phase / pieces, pieces * support.intervals_per_step)
     terms += max(support.terms - 1, 0)  # what the last term of a jet causes begins so much later
     model = header(support, kernel.END - layout.MODEL_OWN)

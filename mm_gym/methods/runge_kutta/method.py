@@ -101,6 +101,7 @@ class RungeKutta(Method):
     )
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
     tightest = TIGHTEST
+    beyond = ", and round-off"
 
     def entries_of(self, support: Support) -> Entries:
         """Return the kernels for a support's law of motion."""
@@ -169,10 +170,6 @@ class RungeKutta(Method):
         steps = int(model[slots.STEPS])
         evaluations = steps * int(model[slots.STAGES]) + 1
         return f"some {evaluations} evaluations of the forces, in {steps} step{'s' * (steps > 1)}"
-
-    def bound(self, settings: Settings) -> str:
-        """Return the tolerance."""
-        return f"{settings.tolerance:g} of the state's scale over a control step, and round-off"
 
 
 @cache

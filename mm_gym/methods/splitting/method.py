@@ -154,12 +154,8 @@ class Splitting(Method):
         model[slots.FASTEST_TURN] = 1.0 if support.terms else fastest**2
         linear = -high[layout.K1] * high[layout.ALPHA] / low[layout.M1]
         cubic = -high[layout.K1] * high[layout.BETA] / low[layout.M1]
-        model[slots.PLANT : slots.RECIPROCALS] = (
-            1.0 / low[layout.M1],
-            1.0 / low[layout.M2],
-            linear,
-            cubic,
-        )
+        masses = 1.0 / low[layout.M1], 1.0 / low[layout.M2]
+        model[slots.PLANT : slots.RECIPROCALS] = *masses, linear, cubic
         if _drawn(support):
             model[slots.IS_DRAWN], model[slots.DEGREE] = 1.0, degree(_decay(support) / plan.first)
         model[slots.RECIPROCALS : slots.SQUARE] = _RECIPROCALS
@@ -176,16 +172,13 @@ class Splitting(Method):
         model[slots.LATER + 2 : slots.LATER + slots.MOST] = _LATER / counts[2:] ** 2
         lengths = support.sample_interval / counts
         drifts = drifts_of(high, 0.5 * lengths)
-        model[slots.FURTHEST : slots.FURTHEST + slots.MOST] = furthest(
-            support, settings, plan.first
-        )
+        reach = furthest(support, settings, plan.first)
+        model[slots.FURTHEST : slots.FURTHEST + slots.MOST] = reach
         for k, (h, drift) in enumerate(zip(lengths, drifts, strict=True)):
             middle, gradient = 2.0 * h / 3.0, h * h / 24.0
             slot = slots.COLUMN + slots.COLUMN_SIZE * k
-            model[slot : slot + slots.COLUMN_SIZE] = [
-                *(plan.first + k, h / 6.0, h / 3.0, middle, gradient),
-                *drift,
-            ]
+            own = plan.first + k, h / 6.0, h / 3.0, middle, gradient
+            model[slot : slot + slots.COLUMN_SIZE] = [*own, *drift]
             slot = slots.WEIGHTS + slots.WEIGHTS_SIZE * (k + 1)
             model[slot : slot + slots.WEIGHTS_SIZE] = weights_of(plan.first, k + 1)
         return model
@@ -202,10 +195,6 @@ class Splitting(Method):
         return (
             f"some {30 * sum(counts)} products in {substeps}; more where that misses the tolerance"
         )
-
-    def bound(self, settings: Settings) -> str:
-        """Return the tolerance."""
-        return f"{settings.tolerance:g} of the state's scale over a control step"
 
 
 _SERIES = Taylor()

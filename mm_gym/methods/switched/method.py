@@ -9,10 +9,17 @@ import numpy as np
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import CompileError
 from mm_gym.lanes import layout
 from mm_gym.law import dry_friction
-from mm_gym.methods.base import ROUND_OFF, ExactMethod, Settings, degree, header, refuse_overflow
+from mm_gym.methods.base import (
+    ROUND_OFF,
+    ExactMethod,
+    Settings,
+    degree,
+    header,
+    refuse_long_interval,
+    refuse_overflow,
+)
 from mm_gym.methods.support import (
     PARAMETRIC_SWITCHED_LINEAR,
     SWITCHED_LINEAR,
@@ -86,16 +93,11 @@ class Switched(ExactMethod):
                 plain(dry_friction.kinetic_force)(mu2, normal), chi, vr
             )
         phase = fastest_rate(support) * support.sample_interval
-        _refuse_long_interval(
-            support, phase, LONGEST_DECAY, "the shortest time constant of the friction"
-        )
+        unit = "the shortest time constant of the friction"
+        refuse_long_interval(support, phase, LONGEST_DECAY, unit=unit)
         oscillation = max(fastest_oscillation(support), support.frequencies.max(initial=0.0))
-        _refuse_long_interval(
-            support,
-            oscillation * support.sample_interval,
-            LONGEST_OSCILLATION,
-            "1 / the fastest frequency",
-        )
+        turn = oscillation * support.sample_interval
+        refuse_long_interval(support, turn, LONGEST_OSCILLATION, unit="1 / the fastest frequency")
         levels = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
         lines = (stick, Decimal(0)), (chi, intercept)
         with refuse_overflow(support):
@@ -140,9 +142,7 @@ class SwitchedSeries(ExactMethod):
     def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the degree of the series."""
         phase = fastest_rate(support) * support.sample_interval
-        _refuse_long_interval(
-            support, phase, LONGEST_INTERVAL, "the shortest time constant that the scene can have"
-        )
+        refuse_long_interval(support, phase, LONGEST_INTERVAL)
         model = header(support, 1)
         model[series_kernel.DEGREE] = degree(LONGEST_SERIES)
         return model
@@ -151,18 +151,6 @@ class SwitchedSeries(ExactMethod):
         """Return the work of a time constant, and of a change of regime."""
         degree = int(model[series_kernel.DEGREE])
         return f"a series of degree {degree} per time constant and change of regime"
-
-
-def _refuse_long_interval(support: Support, phase: float, longest: float, unit: str) -> None:
-    """Raise `CompileError` if a sample interval would take more than some 0.1 s of work."""
-    if not phase <= longest:
-        msg = (
-            f"control.time_step: a sample interval of {support.sample_interval} s is "
-            f"{phase:.3g} times {unit}, "
-            f"{support.sample_interval / phase:.3g} s; allowed: {longest:.3g} times. "
-            "Shorten the control step, or lower the fastest rate"
-        )
-        raise CompileError(msg)
 
 
 def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> Array:
@@ -175,12 +163,7 @@ def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> 
     # The row that maps the inputs to w'' at the same instant.
     second = (generator[3] @ generator).astype(np.float64)
     gains = _gains(support, second, [transition.astype(np.float64) for transition in transitions])
-    return np.array(
-        [
-            _level(second, transition, gain)
-            for transition, gain in zip(transitions, gains, strict=False)
-        ]
-    )
+    return np.array([_level(second, *level) for level in zip(transitions, gains, strict=False)])
 
 
 def _terms(support: Support, damping: Decimal, force: Decimal, most: int) -> int:
@@ -221,13 +204,8 @@ def _level(second: Array, transition: NDArray[np.object_], gains: Array) -> Arra
     slots = [second[:6], rows[:, :6].ravel(), change[:6], gains[:6], gains[-1:]]
     for k in range(6, len(second), 2):
         own = slice(k, k + 2)
-        slots += [
-            second[own],
-            rows[:, own].ravel(),
-            change[own],
-            gains[own],
-            transition[own, k].astype(np.float64),
-        ]
+        slots += [second[own], rows[:, own].ravel(), change[own], gains[own]]
+        slots.append(transition[own, k].astype(np.float64))
     return np.concatenate(slots)
 
 
@@ -255,15 +233,9 @@ def _generator(support: Support, damping: Decimal, force: Decimal) -> NDArray[np
 
 def _state_rows(transition: NDArray[np.object_]) -> Array:
     """Return the rows of x1, x2, v1, v2 for inputs with x2 and v2; each entry is rounded once."""
+    x1, offset, v1, w = transition[:4]
     with localcontext(Context(prec=100)):
-        rows = np.array(
-            [
-                transition[0],
-                transition[0] + transition[1],
-                transition[2],
-                transition[2] + transition[3],
-            ]
-        )
+        rows = np.array([x1, x1 + offset, v1, v1 + w])
         rows[:, 0], rows[:, 2] = rows[:, 0] - rows[:, 1], rows[:, 2] - rows[:, 3]
     return rows.astype(np.float64)
 

@@ -6,9 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 from mm_gym.arrays import Array
-from mm_gym.errors import CompileError
 from mm_gym.lanes import layout
-from mm_gym.methods.base import Method, Option, Settings, header
+from mm_gym.methods.base import Method, Option, Settings, header, refuse_long_interval
 from mm_gym.methods.support import GENERAL, KINDS, MASSLESS, fastest_rate
 from mm_gym.methods.taylor import blocks_kernel, kernel
 from mm_gym.methods.taylor import layout as series
@@ -45,20 +44,14 @@ class Taylor(Method):
     kinds = tuple(kind for kind in KINDS if kind not in (GENERAL, MASSLESS))
     entries = build(blocks_kernel.propagate, shorten=kernel.shorten, stops_at_corners=True)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(2, 16)))
+    beyond = ", and round-off"
 
     def model(self, support: Support, settings: Settings) -> Array:
         """Return the order, the tolerance, and which forces there are."""
         model = header(support, 5)
         high = support.high
         phase = fastest_rate(support) * support.sample_interval
-        if not phase <= SHORTEST_SERIES * kernel.MOST_STEPS:
-            msg = (
-                f"control.time_step: a sample interval of {support.sample_interval} s spans "
-                f"{phase:.3g} times the scene's shortest time constant "
-                f"{support.sample_interval / phase:.3g} s; the series allows "
-                f"{SHORTEST_SERIES * kernel.MOST_STEPS:.0f}. Shorten the control step"
-            )
-            raise CompileError(msg)
+        refuse_long_interval(support, phase, SHORTEST_SERIES * kernel.MOST_STEPS)
         # Each sample interval gets an equal part of the control step's tolerance.
         # About an unstable place the errors of a step's beginning grow until its end.
         growth = support.growth_rate * support.sample_interval * support.intervals_per_step
@@ -79,10 +72,6 @@ class Taylor(Method):
         """Return the work of a series."""
         order = int(model[series.ORDER])
         return f"some {order * (order + 20)} products a series, as many series as the motion needs"
-
-    def bound(self, settings: Settings) -> str:
-        """Return the tolerance."""
-        return f"{settings.tolerance:g} of the state's scale over a control step, and round-off"
 
 
 def _order(tolerance: float) -> int:
