@@ -7,13 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from mm_gym.scene.excitation import NonNegative, Positive
-from mm_gym.scene.part import Part, Rule, below
-
-
-def _rate_is_limited(command: str, rate_limit: float | None) -> str | None:
-    if command != "rate" or rate_limit is not None:
-        return None
-    return "rate_limit: missing; command = 'rate' needs it"
+from mm_gym.scene.part import Part, Rule, below, never
 
 
 class Actuator(Part):
@@ -31,7 +25,13 @@ class Actuator(Part):
     command: Literal["position", "rate"] = "position"
     """meaning of an action in [-1, 1]: a value within the limits, or a fraction of rate_limit"""
 
-    rules: ClassVar[tuple[Rule, ...]] = (Rule(("command", "rate_limit"), _rate_is_limited),)
+    rules: ClassVar[tuple[Rule, ...]] = (
+        never(
+            ("command", "rate_limit"),
+            lambda command, limit: command == "rate" and limit is None,
+            "rate_limit: missing; command = 'rate' needs it",
+        ),
+    )
 
 
 class ForceActuator(Actuator):
@@ -98,12 +98,6 @@ class VoltageActuator(Actuator):
         return "interface.voltage"
 
 
-def _one_device(damping: DampingActuator | None, voltage: VoltageActuator | None) -> str | None:
-    if damping is None or voltage is None:
-        return None
-    return "voltage: not allowed with damping; remove one of the two"
-
-
 class Actuation(Part):
     """The actuators; an environment needs at least one."""
 
@@ -112,7 +106,13 @@ class Actuation(Part):
     damping: DampingActuator | None = None
     voltage: VoltageActuator | None = None
 
-    rules: ClassVar[tuple[Rule, ...]] = (Rule(("damping", "voltage"), _one_device),)
+    rules: ClassVar[tuple[Rule, ...]] = (
+        never(
+            ("damping", "voltage"),
+            lambda damping, voltage: damping is not None and voltage is not None,
+            "voltage: not allowed with damping; remove one of the two",
+        ),
+    )
 
     @property
     def device(self) -> DampingActuator | VoltageActuator | None:

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import refuse
-from mm_gym.scene.part import Part, Ratio, Rule, below, listed, ordered
+from mm_gym.scene.part import Part, Ratio, Rule, below, listed, never, ordered
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -84,12 +84,6 @@ class Sampled(Part):
     into equal sample intervals"""
 
 
-def _falls(decay: float, plateau: float | None) -> str | None:
-    if decay == 1.0 or plateau is not None:  # 1 is the default
-        return None
-    return "decay: has no effect without plateau"
-
-
 class FilteredNoise(Sampled):
     """White noise through a linear filter, times an envelope.
 
@@ -110,7 +104,13 @@ class FilteredNoise(Sampled):
     decay: NonNegative = 1.0
     """[1/s]"""
 
-    rules: ClassVar[tuple[Rule, ...]] = (Rule(("decay", "plateau"), _falls),)
+    rules: ClassVar[tuple[Rule, ...]] = (
+        never(
+            ("decay", "plateau"),
+            lambda decay, plateau: decay != 1.0 and plateau is None,  # 1 is the default
+            "decay: has no effect without plateau",
+        ),
+    )
 
 
 def _is_below_one(ratio: float) -> bool:
@@ -164,12 +164,6 @@ class CloughPenzien(Soil):
     """its damping ratio [-]"""
 
 
-def _some_impulse(rate: float, time: float | None) -> str | None:
-    if rate > 0.0 or time is not None:
-        return None
-    return "time: missing; with rate = 0 and no time there is no impulse"
-
-
 class Impulse(Part):
     """Impulses: jumps of the velocities, each at its own time.
 
@@ -187,7 +181,13 @@ class Impulse(Part):
     time: NonNegative | None = None
     """[s] of one further impulse; none by default"""
 
-    rules: ClassVar[tuple[Rule, ...]] = (Rule(("rate", "time"), _some_impulse),)
+    rules: ClassVar[tuple[Rule, ...]] = (
+        never(
+            ("rate", "time"),
+            lambda rate, time: rate == 0.0 and time is None,
+            "time: missing; with rate = 0 and no time there is no impulse",
+        ),
+    )
 
 
 def _unit_of_target(unit: object, info: ValidationInfo) -> object:
@@ -201,12 +201,6 @@ def _unit_of_target(unit: object, info: ValidationInfo) -> object:
     *others, last = map(repr, units)
     expected = f"{', '.join(others)} or {last} for {quantity}"
     raise PydanticKnownError("literal_error", {"expected": expected})  # noqa: EM101
-
-
-def _inertial_force(mass: float | None, target: str) -> str | None:
-    if mass is None or target == "force":
-        return None
-    return "inertial_mass: has no effect on the ground; set target = 'force'"
 
 
 def _one_measure(peak: object, spectral: object) -> str | None:
@@ -228,12 +222,6 @@ def _with_period(spectral: object, period: float | None) -> str | None:
 DAMPING = 0.05  # ratio of the oscillator of a spectral acceleration, if none is stated [-]
 
 
-def _of_oscillator(spectral: object, damping: float) -> str | None:
-    if spectral is not None or damping == DAMPING:
-        return None
-    return "damping: has no effect without spectral_acceleration"
-
-
 class ScaleTo(Part):
     """What records are scaled to: a number, or [low, high] for a uniform draw in each episode."""
 
@@ -249,7 +237,11 @@ class ScaleTo(Part):
     rules: ClassVar[tuple[Rule, ...]] = (
         Rule(("peak", "spectral_acceleration"), _one_measure),
         Rule(("spectral_acceleration", "period"), _with_period),
-        Rule(("spectral_acceleration", "damping"), _of_oscillator),
+        never(
+            ("spectral_acceleration", "damping"),
+            lambda spectral, damping: spectral is None and damping != DAMPING,
+            "damping: has no effect without spectral_acceleration",
+        ),
     )
 
 
@@ -262,12 +254,6 @@ def _one_source(file: str | None, files: object) -> str | None:
     if file is None:
         return "file: missing; allowed: file, or files for a set of records"
     return "files: got file too; allowed: one of them"
-
-
-def _one_scale(scale: float, scale_to: ScaleTo | None) -> str | None:
-    if scale == 1.0 or scale_to is None:
-        return None
-    return "scale: has no effect with scale_to"
 
 
 def _shakes(target: str, mass: float | None, scale_to: ScaleTo | None) -> str | None:
@@ -325,9 +311,17 @@ class Recorded(Sampled):
 
     rules: ClassVar[tuple[Rule, ...]] = (
         Rule(("file", "files"), _one_source),
-        Rule(("scale", "scale_to"), _one_scale),
+        never(
+            ("scale", "scale_to"),
+            lambda scale, scale_to: scale != 1.0 and scale_to is not None,
+            "scale: has no effect with scale_to",
+        ),
         Rule(("target", "inertial_mass", "scale_to"), _shakes),
-        Rule(("inertial_mass", "target"), _inertial_force),
+        never(
+            ("inertial_mass", "target"),
+            lambda mass, target: mass is not None and target != "force",
+            "inertial_mass: has no effect on the ground; set target = 'force'",
+        ),
     )
 
     @property

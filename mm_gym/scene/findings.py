@@ -84,12 +84,8 @@ def _mend(data: dict[str, Any], names: list[str], owner: type[Part] | None, kind
         nearest = get_close_matches(name, owner.model_fields if owner else (), n=1)
         return dotted_name([*names[:depth], *(nearest or [name])])
     if isinstance(holder, list):
-        holder[int(name)] = {
-            field: STANDS_IN[field] for field in ("kind", "amplitude", "frequency")
-        }
-    elif (
-        owner is not None and name in owner.model_fields and owner.model_fields[name].is_required()
-    ):
+        holder[int(name)] = dict(STANDS_IN)
+    elif owner and name in owner.model_fields and owner.model_fields[name].is_required():
         holder[name] = STANDS_IN.get(name, 1.0)
     else:
         holder.pop(name, None)
@@ -132,24 +128,16 @@ def joint_findings(
         names += [f"randomization.{each}" for each in names]
         if given.intersection(rule.fields) or not is_known(names, wrong):
             continue
-        stated = [getattr(part, field) for field in rule.fields]
-        if not drawn or rule.finding(*stated) is not None:
+        stated = {field: getattr(part, field) for field in rule.fields}
+        if not drawn or rule.finding(*stated.values()) is not None:
             continue
-        ends = [
-            ranges.get(field, (value,)) for field, value in zip(rule.fields, stated, strict=True)
-        ]
+        ends = [ranges.get(field, (value,)) for field, value in stated.items()]
         texts = (rule.finding(*corner) for corner in product(*ends))
         text = next((text for text in texts if text is not None), None)
         if text is not None:
-            yield _named(name, text, drawn) + _advice(name, part, drawn)
-
-
-def _named(name: str, text: str, drawn: list[str]) -> str:
-    """Return a finding under the name of a field that is drawn."""
-    field = text.partition(": ")[0]
-    if field in drawn:
-        return f"randomization.{name}.{text}"
-    return f"randomization.{name}.{drawn[0]}: {name}.{text}"
+            if text.partition(": ")[0] not in drawn:
+                text = f"{drawn[0]}: {name}.{text}"
+            yield f"randomization.{name}.{text}{_advice(name, part, drawn)}"
 
 
 def _advice(name: str, part: Part, drawn: list[str]) -> str:

@@ -27,6 +27,15 @@ class Rule(NamedTuple):
     finding: Callable[..., str | None]  # their values -> what is wrong, as "field: text", or None
 
 
+def never(fields: tuple[str, str], are: Callable[[Any, Any], bool], text: str) -> Rule:
+    """Return the rule that two fields are never so; the text says what is wrong then."""
+
+    def finding(one: object, other: object) -> str | None:
+        return text if are(one, other) else None
+
+    return Rule(fields, finding)
+
+
 def below(low: str, high: str, *, or_equal: bool = False) -> Rule:
     """Return the rule that a field is less than another, or at most that."""
     allowed = "at most" if or_equal else "less than"

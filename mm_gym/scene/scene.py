@@ -33,7 +33,7 @@ from mm_gym.scene.mechanics import (
     Springs,
     Viscous,
 )
-from mm_gym.scene.part import Data, Document, Part, Rule, dotted_name, is_known, listed, put
+from mm_gym.scene.part import Data, Document, Part, Rule, dotted_name, is_known, listed, never, put
 from mm_gym.scene.sensors import Sensors
 
 Weight = Annotated[float, Field(ge=0, le=1e12)]
@@ -201,12 +201,6 @@ def _begins_within(
     return _within(name, value, where, actuator.minimum, actuator.maximum)
 
 
-def _stretch_is_actuated(initial: NumberOrRange | None, actuator: Part | None) -> str | None:
-    if initial is None or actuator is not None:
-        return None
-    return "initial.stretch: has no effect without actuation.stretch; set springs.stretch"
-
-
 def _stretch_within(
     name: str, value: NumberOrRange | None, low: float | None, high: float | None, kind: str
 ) -> str | None:
@@ -319,7 +313,11 @@ class Scene(Document):
             Rule((f"actuation.{name.split('.')[1]}", name), partial(_begins_within, name))
             for name in ("interface.damping", "carriage.damping", "interface.voltage")
         ),
-        Rule(("initial.stretch", "actuation.stretch"), _stretch_is_actuated),
+        never(
+            ("initial.stretch", "actuation.stretch"),
+            lambda initial, actuator: initial is not None and actuator is None,
+            "initial.stretch: has no effect without actuation.stretch; set springs.stretch",
+        ),
         Rule(("initial.stretch", *WITHIN), partial(_stretch_within, "initial")),
         Rule(("springs.stretch", "initial.stretch", *WITHIN), _springs_within),
     )

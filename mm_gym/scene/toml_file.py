@@ -92,14 +92,16 @@ def with_base(data: dict[str, object], load: Callable[[str], Scene]) -> dict[str
         if value != {} or not isinstance(base.value_of(name), Part | dict)
     }
     found = cast("dict[str, Data]", base.model_dump(mode="json"))
-    unseen = _unseen(stated.get("sensors.channels"), base)
-    for what, channel in unseen:
-        cast("dict[str, dict[str, float]]", found["sensors"])[what].pop(channel, None)
-    gone = [
-        *_replaced(stated, base),
-        *(name for name in stated if not name.startswith(DRAWN)),
-        *(f"sensors.{what}.{channel}" for what, channel in unseen),
-    ]
+    gone = [name for name in stated if not name.startswith(DRAWN)]
+    for name, value in stated.items():
+        part, _, last = name.rpartition(".")
+        if last == KIND and base.value_of(name) != value:
+            gone.append(part)
+    channels = stated.get("sensors.channels")
+    for channel in base.sensors.channels if isinstance(channels, list) else ():
+        for what in ERRORS if channel not in cast("list[object]", channels) else ():
+            cast("dict[str, dict[str, float]]", found["sensors"])[what].pop(channel, None)
+            gone.append(f"sensors.{what}.{channel}")
     follows = {ratio: field for ratio, (field, _) in base.drawn_ratios.items()}
     found[DRAWN] = {
         name: ends
@@ -127,21 +129,6 @@ def _leaves(table: dict[str, object], prefix: str = "") -> Iterator[tuple[str, o
             yield from _leaves(cast("dict[str, object]", value), f"{prefix}{name}.")
         else:
             yield prefix + name, value
-
-
-def _replaced(stated: dict[str, object], base: Scene) -> Iterator[str]:
-    """Yield the parts whose kind is another than that of the base."""
-    for name, value in stated.items():
-        part, _, last = name.rpartition(".")
-        if last == KIND and base.value_of(name) != value:
-            yield part
-
-
-def _unseen(channels: object, base: Scene) -> list[tuple[str, str]]:
-    """Return the errors, as field and channel, of the base's channels that are not listed."""
-    if not isinstance(channels, list):
-        return []
-    return [(what, own) for what in ERRORS for own in base.sensors.channels if own not in channels]
 
 
 Names: TypeAlias = tuple[str, ...]
