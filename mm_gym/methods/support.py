@@ -11,6 +11,7 @@ import numpy as np
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, suggest
+from mm_gym.excitation.kinds import FIRST, SIZE
 from mm_gym.lanes import layout
 from mm_gym.law import INTERFACES, bounds, dry_friction, springs
 from mm_gym.law.hardening_springs import LINES, with_hardening_springs
@@ -129,8 +130,19 @@ class Support:
 
     @property
     def _frequency_rows(self) -> slice:
-        first = layout.HARMONICS + layout.FREQUENCY
-        return slice(first, first + layout.HARMONIC_ROWS * len(self.ground), layout.HARMONIC_ROWS)
+        rows = self.harmonic_rows
+        return slice(rows.start + layout.FREQUENCY, rows.stop + layout.FREQUENCY, rows.step)
+
+    @property
+    def harmonic_rows(self) -> range:
+        """First row of each harmonic."""
+        first, size = layout.HARMONICS, layout.HARMONIC_ROWS
+        return range(first, first + size * len(self.ground), size)
+
+    @property
+    def sources(self) -> Array:
+        """(k, SIZE) slots of each part of the excitation but the harmonics."""
+        return self.excitation[FIRST : FIRST + SIZE * int(self.excitation[0])].reshape(-1, SIZE)
 
     @property
     def sampled(self) -> bool:
@@ -304,9 +316,8 @@ class Support:
         try:
             return self.names[name]
         except KeyError:
-            msg = (
-                f"{name}: not a field of this scene that can be set{suggest(str(name), self.names)}"
-            )
+            near = suggest(str(name), self.names)
+            msg = f"{name}: not a field of this scene that can be set{near}"
             raise SceneError(msg) from None
 
 
@@ -317,12 +328,8 @@ def fastest_oscillation(support: Support, amplitude: float = 0.0) -> float:
     amplitude [m].
     """
     m1, m2, k1 = _fastest(support)
-    k1 += (
-        0.75
-        * float(support.high[layout.K1] * max(support.high[layout.BETA], 0.0))
-        * amplitude
-        * amplitude
-    )
+    stiffening = float(support.high[layout.K1] * max(support.high[layout.BETA], 0.0))
+    k1 += 0.75 * stiffening * amplitude * amplitude
     return math.sqrt(plain(bounds.largest_eigenvalue)(m1, m2, k1, support.stiffest))
 
 
@@ -340,11 +347,8 @@ def fastest_rate(support: Support) -> float:
 
 def fastest_decay(support: Support) -> float:
     """Return the fastest rate [1/s] at which dampers and friction alone slow the masses down."""
-    m1, m2, d = (
-        float(support.low[layout.M1]),
-        float(support.low[layout.M2]),
-        float(support.high[layout.D]),
-    )
+    m1, m2, _ = _fastest(support)
+    d = float(support.high[layout.D])
     return float(plain(bounds.largest_eigenvalue)(m1, m2, d, support.steepest))
 
 

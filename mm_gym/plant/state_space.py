@@ -113,8 +113,7 @@ class RandomImpulses:
 def sources_of(support: Support, row: Array) -> list[Source]:
     """Return the harmonics and then the filters of a lane (rows,), while the envelope is 1."""
     found: list[Source] = []
-    for j, ground in enumerate(support.ground):
-        first = layout.HARMONICS + layout.HARMONIC_ROWS * j
+    for first, ground in zip(support.harmonic_rows, support.ground, strict=True):
         name = next(n for n, r in support.names.items() if r == first + layout.FREQUENCY)
         name, output = name.rpartition(".")[0], np.array([0.0, row[first + layout.AMPLITUDE]])
         turn = row[first + layout.FREQUENCY] * np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -144,11 +143,7 @@ def random_impulses(support: Support, row: Array) -> list[RandomImpulses]:
 
 def _parts_of_kind(support: Support, kind: int) -> Iterator[tuple[str, Array, int]]:
     """Yield dotted name, slots and first row of the parts of one kind."""
-    described = support.excitation
-    for k in range(int(described[0])):
-        slots = described[kernels.FIRST + kernels.SIZE * k :][: kernels.SIZE]
-        if int(slots[kernels.KIND]) != kind:
-            continue
+    for slots in support.sources[support.sources[:, kernels.KIND] == kind]:
         first = int(slots[kernels.ROW])
         own = range(first, first + ROWS[kind])
         name = next(name for name, row in support.names.items() if row in own)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mm_gym.arrays import Array
-from mm_gym.excitation.kinds import FILTER, FIRST, KIND, OWN, SIZE
+from mm_gym.excitation.kinds import FILTER, KIND, OWN
 from mm_gym.excitation.noise import PLACE
 from mm_gym.lanes import layout
 from mm_gym.methods.support import Support
@@ -36,14 +36,12 @@ class Observed(NamedTuple):
 
 def observed(scene: Scene) -> tuple[Observed, ...]:
     """Return the channels that a scene observes, in order."""
-    return tuple(_observed(scene, name) for name in scene.sensors.channels)
-
-
-def _observed(scene: Scene, name: str) -> Observed:
-    channel, noise = CHANNELS[name], scene.sensors.noise.get(name, 0.0)
-    scale, zero = scales(scene)[channel.scale]
-    noise = middle(scene, f"sensors.noise.{name}", noise)
-    return Observed(name, channel.unit, 1.0 / scale, zero, noise)
+    found: list[Observed] = []
+    for name in scene.sensors.channels:
+        scale, zero = scales(scene)[CHANNELS[name].scale]
+        noise = middle(scene, f"sensors.noise.{name}", scene.sensors.noise.get(name, 0.0))
+        found.append(Observed(name, CHANNELS[name].unit, 1.0 / scale, zero, noise))
+    return tuple(found)
 
 
 def task_array(scene: Scene, support: Support) -> Array:
@@ -78,7 +76,7 @@ def task_array(scene: Scene, support: Support) -> Array:
     slots = {"force": layout.FORCE_ROW, "stretch": layout.STRETCH_ROW}
     for name, row in support.actuator_rows.items():
         task[slots.get(name, layout.DAMPING_ROW)] = row
-    reserved = _reserved(support.excitation, drawn)
+    reserved = _reserved(support.sources, drawn)
     task[layout.IS_NOISY] = noisy > 0
     task[layout.RESERVED], task[layout.HAS_RESERVED_NOISE] = reserved, drawn <= reserved
     return task
@@ -95,7 +93,7 @@ def rewarded_channels(scene: Scene) -> tuple[str, ...]:
     return tuple(name for name, weight in found.items() if weight > 0.0)
 
 
-def _reserved(excitation: Array, drawn: int) -> int:
+def _reserved(sources: Array, drawn: int) -> int:
     """Return how many numbers of a lane's stream are reserved for the noise of a frame.
 
     The stream is that of the initial state, the parameters and the excitation. Without filtered
@@ -104,8 +102,7 @@ def _reserved(excitation: Array, drawn: int) -> int:
     and 0 otherwise: so Hybrid-v0, with two noisy channels, and PreStretchNoise-v0 have the episodes
     that their published results are of.
     """
-    parts = excitation[FIRST : FIRST + SIZE * int(excitation[0])].reshape(-1, SIZE)
-    filters = parts[parts[:, KIND] == FILTER]
+    filters = sources[sources[:, KIND] == FILTER]
     if not len(filters):
         return drawn
     return 2 if np.any(filters[:, OWN + PLACE] == 0.0) else 0
@@ -140,27 +137,21 @@ def rate_and_lag_factor(scene: Scene, name: str) -> tuple[float, float]:
 
 def _objective(scene: Scene, task: Array) -> None:
     objective = scene.objective
-    task[layout.WEIGHT_DISPLACEMENT] = (
-        objective.displacement_weight / objective.displacement_scale**2
-    )
-    task[layout.WEIGHT_VELOCITY] = objective.velocity_weight / objective.velocity_scale**2
-    task[layout.WEIGHT_STROKE] = objective.stroke_weight / objective.stroke_scale**2
     task[layout.WEIGHT_EFFORT] = objective.effort_weight
-    derived = {
+    scaled = {
+        layout.WEIGHT_DISPLACEMENT: "displacement",
+        layout.WEIGHT_VELOCITY: "velocity",
+        layout.WEIGHT_STROKE: "stroke",
         layout.WEIGHT_CARRIAGE_ACCELERATION: "carriage_acceleration",
         layout.WEIGHT_SPHERE_ACCELERATION: "sphere_acceleration",
         layout.WEIGHT_COUPLING_FORCE: "coupling_force",
     }
-    for slot, name in derived.items():
+    for slot, name in scaled.items():
         weight, scale = (getattr(objective, f"{name}_{what}") for what in ("weight", "scale"))
         task[slot] = weight / scale**2
     task[layout.HAS_DERIVED_COST] = scene.own_reward is None and bool(rewarded_channels(scene))
-    task[layout.DISPLACEMENT_LIMIT] = (
-        np.inf if objective.displacement_limit is None else objective.displacement_limit
-    )
-    task[layout.RAIL_LIMIT] = (
-        np.inf if objective.rail_half_length is None else objective.rail_half_length
-    )
+    task[layout.DISPLACEMENT_LIMIT] = objective.displacement_limit or np.inf
+    task[layout.RAIL_LIMIT] = objective.rail_half_length or np.inf
     task[layout.STEPS] = scene.control.steps
 
 

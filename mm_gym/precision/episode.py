@@ -17,16 +17,8 @@ from mm_gym.plant.plant import Plant
 from mm_gym.precision.oracle import Oracle
 from mm_gym.scene.scene import Scene
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import (
-    Place,
-    Recording,
-    blank,
-    breaks,
-    excitation,
-    first,
-    held_rows,
-    run,
-)
+from mm_gym.simulation.recording import Place, Recording, blank, breaks, excitation, first, run
+from mm_gym.simulation.simulate import no_commands
 
 EPISODES = 10  # episodes that steps are sampled from; the first is timed
 MOST_STEPS = 100  # control steps of an episode
@@ -131,10 +123,7 @@ def _commands(
     plant: Plant, lanes: Lanes, rng: np.random.Generator, count: int, *, at_limits: bool
 ) -> Array:
     """Return uniformly random commands within the actuators' limits, or the nearer limits."""
-    rows = held_rows(plant)
-    commands = np.empty((count, len(rows)))
-    commands[:] = lanes.values[rows, 0]
-    commands[:, 0] = 0.0
+    commands = no_commands(plant, count, lanes.values[:, 0])
     for column, (low, high) in _limits(plant).items():
         drawn = rng.uniform(low, high, count)
         nearer = np.where(drawn < 0.5 * (low + high), low, high)
@@ -149,11 +138,7 @@ def truth_of(scene: Scene, plant: Plant, episodes: Sequence[Episode]) -> Truth:
         try:
             # A trial step of SciPy may overflow; it then tries a shorter one.
             with np.errstate(over="ignore", invalid="ignore"):
-                pairs = [
-                    _Pair.of(_drawn(scene, plant, one), one.recording, method, rtol, most)
-                    for one in episodes
-                ]
-                return _truth(pairs, episodes)
+                return _truth([_pair(scene, one, method, rtol, most) for one in episodes], episodes)
         except SimulationError as error:
             problems.append(f"{method}: {str(error).removeprefix('reference: ')}")
     msg = (
@@ -165,22 +150,17 @@ def truth_of(scene: Scene, plant: Plant, episodes: Sequence[Episode]) -> Truth:
     raise SimulationError(msg)
 
 
-@dataclass(frozen=True)
-class _Pair:
-    """The oracle and a coarser one, whose difference estimates the oracle's error."""
-
-    fine: Oracle
-    coarse: Oracle
-
-    @classmethod
-    def of(cls, scene: Scene, recording: Recording, method: str, rtol: float, most: int) -> _Pair:
-        longest, support = np.inf, recording.plant.support
-        if scene.interface.kind == "dry_friction":
-            # SciPy sees an event only between two of its steps: some sixty in an oscillation.
-            longest = min(0.1 / fastest_oscillation(support), support.sample_interval / 4.0)
-        disturbance = _disturbance(recording) if support.sampled else None
-        fine = Oracle(scene, method, rtol, longest, disturbance, most)
-        return cls(fine, replace(fine, rtol=10.0 * rtol, max_step=2.0 * longest))
+def _pair(
+    scene: Scene, episode: Episode, method: str, rtol: float, most: int
+) -> tuple[Oracle, Oracle]:
+    """Return the oracle and a coarser one, whose difference estimates the oracle's error."""
+    longest, support, scene = np.inf, episode.recording.plant.support, _drawn(scene, episode)
+    if scene.interface.kind == "dry_friction":
+        # SciPy sees an event only between two of its steps: some sixty in an oscillation.
+        longest = min(0.1 / fastest_oscillation(support), support.sample_interval / 4.0)
+    disturbance = _disturbance(episode.recording) if support.sampled else None
+    fine = Oracle(scene, method, rtol, longest, disturbance, most)
+    return fine, replace(fine, rtol=10.0 * rtol, max_step=2.0 * longest)
 
 
 def _disturbance(recording: Recording) -> Callable[[float, str], float]:
@@ -195,23 +175,20 @@ def _disturbance(recording: Recording) -> Callable[[float, str], float]:
     return disturbance
 
 
-def _truth(pairs: Sequence[_Pair], episodes: Sequence[Episode]) -> Truth:
+def _truth(pairs: Sequence[tuple[Oracle, Oracle]], episodes: Sequence[Episode]) -> Truth:
     places: list[tuple[int, int]] = []
     ends: list[Array] = []
-    resolution, spent = float(np.finfo(np.float64).eps), 0
-    most = EVALUATIONS["smooth" if pairs[0].fine.disturbance is None else "sampled"]
+    resolution, spent, oracle = float(np.finfo(np.float64).eps), 0, pairs[0][0]
+    most = EVALUATIONS["smooth" if oracle.disturbance is None else "sampled"]
     for i, n in _spread([len(one.recording.starts) for one in episodes]):
         if spent >= most:
             break
-        pair, episode = pairs[i], episodes[i]
-        (fine, first_spent), (coarse, second_spent) = (
-            _end(oracle, episode, n) for oracle in (pair.fine, pair.coarse)
-        )
+        (fine, first_spent), (coarse, second_spent) = (_end(o, episodes[i], n) for o in pairs[i])
         spent += first_spent + second_spent
         places.append((i, n))
         ends.append(fine)
-        resolution = max(resolution, float((np.abs(fine - coarse) / episode.scale).max()))
-    text = f"SciPy's {pairs[0].fine.method} at {pairs[0].fine.rtol:.0e}"
+        resolution = max(resolution, float((np.abs(fine - coarse) / episodes[i].scale).max()))
+    text = f"SciPy's {oracle.method} at {oracle.rtol:.0e}"
     return Truth(tuple(episodes), np.array(places), np.array(ends), text, resolution)
 
 
@@ -265,9 +242,9 @@ def _within(
     return lambda time, target: disturbance(min(max(time, first), last), target)
 
 
-def _drawn(scene: Scene, plant: Plant, episode: Episode) -> Scene:
+def _drawn(scene: Scene, episode: Episode) -> Scene:
     """Return the scene with drawn values in place of ranges, but for the initial state."""
-    support = plant.support
+    support = episode.recording.plant.support
     values: dict[str, object] = {
         name: float(episode.recording.parameters[row])
         for name, row in support.names.items()
@@ -275,6 +252,6 @@ def _drawn(scene: Scene, plant: Plant, episode: Episode) -> Scene:
         and not name.startswith("initial.")
         and row not in support.number_rows.values()
     }
-    for name, file in plant.records_of(episode.recording.parameters).items():
+    for name, file in episode.recording.plant.records_of(episode.recording.parameters).items():
         values |= {f"{name}.file": file, f"{name}.files": None}
     return scene.replace(randomization={}, **values)

@@ -148,12 +148,10 @@ class Oracle:
 
     def _regime(self, state: State) -> int:
         interface = self.scene.interface
-        if (
-            interface.kind != "dry_friction"
-            or abs(state[3] - state[2]) <= interface.reference_velocity
-        ):
+        if interface.kind != "dry_friction":
             return STICK
-        return self._direction(state)
+        slips = abs(state[3] - state[2]) > interface.reference_velocity
+        return self._direction(state) if slips else STICK
 
     def _direction(self, state: State) -> int:
         return 1 if state[3] > state[2] else -1
@@ -184,17 +182,12 @@ class Oracle:
         if interface.kind != "dry_friction":
             msg = f"reference: got interface.kind = {interface.kind!r}; it is not known here"
             raise SimulationError(msg)
-        normal = (
-            self.scene.sphere.mass * GRAVITY
-            if interface.normal_force is None
-            else interface.normal_force
-        )
+        normal = interface.normal_force or self.scene.sphere.mass * GRAVITY
         vr = interface.reference_velocity
         if regime == STICK:
             return interface.static_coefficient * normal / vr * w
-        return regime * (
-            interface.kinetic_coefficient * normal + interface.slip_damping * (regime * w - vr)
-        )
+        faster = interface.slip_damping * (regime * w - vr)
+        return regime * (interface.kinetic_coefficient * normal + faster)
 
     def _springs(self, offset: float, stretch: float) -> float:
         """Return the springs' force on the carriage: eq. 15 of the paper, or neo-Hookean ones."""
@@ -227,16 +220,11 @@ class Oracle:
         def field(t: float, y: State) -> State:
             x1, x2, v1, v2 = y
             inner = self._interface(v2 - v1, regime) + self._springs(x2 - x1, stretch) + pair
-            spring = (
-                carriage.stiffness
-                * (carriage.linear_coefficient + carriage.cubic_coefficient * x1**2)
-                * x1
-            )
-            ground = self._excitation(t, "ground")
+            stiffening = carriage.linear_coefficient + carriage.cubic_coefficient * x1**2
+            spring, ground = carriage.stiffness * stiffening * x1, self._excitation(t, "ground")
             outer = held + self._excitation(t, "force") - carriage.damping * v1 - spring
-            return np.array(
-                [v1, v2, (inner + outer) / carriage.mass - ground, -inner / m2 - ground]
-            )
+            a1, a2 = (inner + outer) / carriage.mass, -inner / m2
+            return np.array([v1, v2, a1 - ground, a2 - ground])
 
         return field
 
@@ -249,14 +237,8 @@ class Oracle:
         pair = force if self.scene.actuation.is_between else 0.0
 
         def velocity(t: float, x1: float, x2: float, v2: float) -> float:
-            spring = carriage.stiffness * carriage.linear_coefficient * x1
-            push = (
-                c * v2
-                + self._springs(x2 - x1, stretch)
-                + force
-                + self._excitation(t, "force")
-                - spring
-            )
+            push = c * v2 + self._springs(x2 - x1, stretch) + force + self._excitation(t, "force")
+            push -= carriage.stiffness * carriage.linear_coefficient * x1
             return push / (c + carriage.damping)
 
         def field(t: float, y: State) -> State:

@@ -155,8 +155,8 @@ def _bounds(support: Support) -> tuple[Array, Array]:
     for row in support.actuator_rows.values():
         low[row + layout.LAG_FACTOR], high[row + layout.LAG_FACTOR] = 0.0, 1.0
         low[row + layout.TRAVEL], high[row + layout.TRAVEL] = 0.0, np.inf
-    for j in range(len(support.ground)):
-        turn = layout.HARMONICS + layout.HARMONIC_ROWS * j + layout.COSINE
+    for row in support.harmonic_rows:
+        turn = row + layout.COSINE
         low[turn : turn + 4], high[turn : turn + 4] = -ROUNDED_ONE, ROUNDED_ONE
     return low, high
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,21 +12,9 @@ from numpy.typing import NDArray
 
 from mm_gym.arrays import Array
 from mm_gym.errors import SimulationError
-from mm_gym.excitation import record
+from mm_gym.excitation import kinds, record
 from mm_gym.excitation.impulses import pass_impulses, write_impulses
-from mm_gym.excitation.kinds import (
-    CORNERS,
-    FIRST,
-    IMPULSES,
-    KIND,
-    OWN,
-    RECORD,
-    ROW,
-    SIZE,
-    TARGET,
-    next_corner,
-    write_rows_of_jets,
-)
+from mm_gym.excitation.kinds import next_corner, write_rows_of_jets
 from mm_gym.lanes import layout
 from mm_gym.plant.plant import Plant
 from mm_gym.simulation.lanes import Lanes
@@ -61,7 +49,7 @@ class Recording:
         changes v1 and v2 [m/s]. Those at an interval's start are in `starts`.
         """
         found = np.empty((0, 4))
-        if self.plant.support.excitation[IMPULSES]:
+        if self.plant.support.excitation[kinds.IMPULSES]:
             for _ in range(2):  # the first time they are counted
                 lane = self.parameters[:, None].copy()
                 count = write_impulses(self.plant.model, lane, len(self.starts), found)
@@ -102,14 +90,8 @@ def held_rows(plant: Plant) -> list[int]:
 
 def first(recording: Recording, count: int) -> Recording:
     """Return the first `count` sample intervals of a recording."""
-    return Recording(
-        recording.plant,
-        recording.parameters,
-        recording.states[: count + 1],
-        recording.starts[:count],
-        recording.applied[:count],
-        recording.jets[:count],
-    )
+    parts = {name: getattr(recording, name)[:count] for name in ("starts", "applied", "jets")}
+    return replace(recording, states=recording.states[: count + 1], **parts)
 
 
 def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> None:
@@ -147,7 +129,7 @@ def lanes_at(recording: Recording, start: tuple[Array, ...], elapsed: float = 0.
     if support.damped_row:
         lanes[support.damped_row] = applied[:, 2]
     lanes[support.jets : support.jets + 2 * support.terms] = jets.T
-    for harmonic in harmonic_rows(plant):
+    for harmonic in plant.support.harmonic_rows:
         frequency = lanes[harmonic + layout.FREQUENCY]
         angle = lanes[harmonic + layout.PHASE] + frequency * times + frequency * elapsed
         lanes[harmonic + layout.COSINE] = np.cos(angle)
@@ -164,7 +146,7 @@ def column(recording: Recording, row: int, elapsed: float, duration: float) -> A
     jets = jets_over(recording, rows, elapsed, duration)
     start = recording.starts[rows], recording.applied[rows], jets, np.array([began])
     lane = lanes_at(recording, start, elapsed)[:, 0]
-    for harmonic in harmonic_rows(recording.plant):
+    for harmonic in recording.plant.support.harmonic_rows:
         turn = lane[harmonic + layout.FREQUENCY] * duration
         lane[harmonic + layout.ROTATE_COSINE] = np.cos(turn)
         lane[harmonic + layout.ROTATE_SINE] = np.sin(turn)
@@ -187,15 +169,8 @@ def jets_over(
     """Return the jets (k, 2 * terms) over a part of k sample intervals, see `column`."""
     jets = np.empty((len(rows), recording.jets.shape[1]))
     times = recording.plant.support.sample_interval * rows.astype(np.float64)
-    write_rows_of_jets(
-        recording.plant.model,
-        recording.parameters[:, None].copy(),
-        recording.jets[rows],
-        times,
-        elapsed,
-        duration,
-        jets,
-    )
+    model, lane = recording.plant.model, recording.parameters[:, None].copy()
+    write_rows_of_jets(model, lane, recording.jets[rows], times, elapsed, duration, jets)
     return jets
 
 
@@ -255,7 +230,7 @@ def breaks(recording: Recording, row: int) -> list[tuple[float, Array]]:
 
 def stops_at_corners(plant: Plant) -> bool:
     """Tell whether the plant is propagated from corner to corner of its records."""
-    return plant.entries.stops_at_corners and bool(plant.support.excitation[CORNERS])
+    return plant.entries.stops_at_corners and bool(plant.support.excitation[kinds.CORNERS])
 
 
 def locate(recording: Recording, instants: Array) -> Place:
@@ -266,15 +241,6 @@ def locate(recording: Recording, instants: Array) -> Place:
     on_grid = np.abs(phase - nearest) <= 1e-12 * np.maximum(nearest, 1.0)
     index = np.where(on_grid, nearest, np.floor(phase)).astype(np.intp)
     return Place(index, np.where(on_grid, 0.0, instants - index * interval))
-
-
-def harmonic_rows(plant: Plant) -> range:
-    """Return the first row of each harmonic."""
-    return range(
-        layout.HARMONICS,
-        layout.HARMONICS + layout.HARMONIC_ROWS * len(plant.support.ground),
-        layout.HARMONIC_ROWS,
-    )
 
 
 def excitation(recording: Recording, place: Place) -> Array:
@@ -290,7 +256,7 @@ def excitation(recording: Recording, place: Place) -> Array:
         for n in range(support.terms):
             out[:, target] += recording.jets[inner, target * support.terms + n] * parts**n
     time = place.row * support.sample_interval + place.part
-    for harmonic, ground in zip(harmonic_rows(plant), support.ground, strict=True):
+    for harmonic, ground in zip(plant.support.harmonic_rows, support.ground, strict=True):
         angle = p[harmonic + layout.PHASE] + p[harmonic + layout.FREQUENCY] * time
         out[:, int(ground)] += p[harmonic + layout.AMPLITUDE] * np.sin(angle)
     for target, values in _records(recording, time):
@@ -301,15 +267,13 @@ def excitation(recording: Recording, place: Place) -> Array:
 def _records(recording: Recording, time: Array) -> Iterator[tuple[int, Array]]:
     """Yield the target and the values (n,) of each record at times of the episode [s]."""
     described, p = recording.plant.support.excitation, recording.parameters
-    for part in described[FIRST : FIRST + SIZE * int(described[0])].reshape(-1, SIZE):
-        if part[KIND] != RECORD:
+    for part in recording.plant.support.sources:
+        if part[kinds.KIND] != kinds.RECORD:
             continue
-        row, block = int(part[ROW]), described[int(part[OWN + record.TABLE]) :]
+        row, block = int(part[kinds.ROW]), described[int(part[kinds.OWN + record.TABLE]) :]
         (times, values), factor = record.points_in(block, int(p[row + record.NUMBER]))
         own: Array = p[row + record.START] + time / p[row + record.TIME_SCALE]
         for end in (float(times[0]), float(times[-1])):  # rounding must not carry an instant over
             own = np.where(np.abs(own - end) <= record.ROUND_OFF * end, end, own)
-        yield (
-            int(part[TARGET]),
-            p[row + record.SCALE] * factor * np.interp(own, times, values, 0.0, 0.0),
-        )
+        scale = p[row + record.SCALE] * factor
+        yield int(part[kinds.TARGET]), scale * np.interp(own, times, values, 0.0, 0.0)

@@ -155,12 +155,16 @@ def _steps_until(end: float, time_step: float) -> int:
     return nearest if abs(steps - nearest) <= 1e-12 * max(nearest, 1) else int(np.ceil(steps))
 
 
+def no_commands(plant: Plant, steps: int, start: Array) -> Array:
+    """Return the commands (steps, 2 or 3) of `recording.run` that keep what a lane applies."""
+    commands = np.tile(start[held_rows(plant)], (steps, 1))
+    commands[:, 0] = 0.0
+    return commands
+
+
 def _commands(plant: Plant, action: ArrayLike | None, steps: int, start: Array) -> Array:
     """Return the commands (steps, 2 or 3) of `recording.run`, constant where not actuated."""
-    rows = held_rows(plant)
-    commands = np.empty((steps, len(rows)))
-    commands[:] = start[rows]
-    commands[:, 0] = 0.0
+    commands = no_commands(plant, steps, start)
     if action is None:
         return commands
     given, count = finite_numbers("action", action, ActionError), len(plant.actuators)

@@ -90,14 +90,12 @@ def _at(plant: Plant, lanes: Array, part: float, duration: float) -> tuple[Array
     # They are polynomials in the elapsed part of an interval.
     moved[jets] *= np.tile(part ** np.arange(support.terms), 2)[:, None]
     push, shake = moved[jets].reshape(2, support.terms, lanes.shape[1]).sum(axis=1)
-    for j, ground in enumerate(support.ground):
-        harmonic = layout.HARMONICS + layout.HARMONIC_ROWS * j
-        turn = lanes[harmonic + layout.FREQUENCY] * (part * duration)
-        sine = lanes[harmonic + layout.SINE] * np.cos(turn) + lanes[
-            harmonic + layout.COSINE
-        ] * np.sin(turn)
+    for row, ground in zip(support.harmonic_rows, support.ground, strict=True):
+        turn = lanes[row + layout.FREQUENCY] * (part * duration)
+        cosine, sine = lanes[row + layout.COSINE], lanes[row + layout.SINE]
         exciting = shake if ground else push
-        exciting += lanes[harmonic + layout.AMPLITUDE] * sine
+        turned = sine * np.cos(turn) + cosine * np.sin(turn)
+        exciting += lanes[row + layout.AMPLITUDE] * turned
     shorter = plant.at_interval(part * duration)
     status = plant.entries.propagate(shorter.model, moved, 0, moved.shape[1])
     if status > layout.ENDED:
