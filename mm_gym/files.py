@@ -78,9 +78,13 @@ def _regular(path: str | PathLike[str], most: int) -> Generator[tuple[io.Buffere
         raise SceneError(msg) from error
 
 
+_BINARY = getattr(os, "O_BINARY", 0)  # where the system would else rewrite the ends of lines
+_AT_ONCE = getattr(os, "O_NONBLOCK", 0)  # without waiting
+
+
 def _opened(file: Path) -> io.BufferedReader:
     """Open a file whose reads do not wait, and take no more from it than they are asked for."""
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    flags = os.O_RDONLY | _AT_ONCE | _BINARY
     return io.BufferedReader(io.FileIO(os.open(file, flags), "rb"), buffer_size=1)
 
 
@@ -235,7 +239,7 @@ def open_lock(path: str | PathLike[str]) -> int:
     OSError
         If the file cannot be opened or made.
     """
-    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)
+    flags = os.O_RDWR | os.O_CREAT | _AT_ONCE | getattr(os, "O_NOFOLLOW", 0)
     file = Path(path)
     if file.is_symlink() or (file.exists() and not file.is_file()):
         msg = f"{path}: cannot be a lock: not a regular file; remove it"
@@ -411,22 +415,15 @@ def _replace(target: Path, content: bytes) -> None:
             stream.flush()
             os.fsync(handle)
         if old:
-            _take_after(old, temporary)
+            new = temporary.stat()
+            if (new.st_uid, new.st_gid) != (old.st_uid, old.st_gid):
+                with suppress(OSError):  # only root gives files away
+                    os.chown(temporary, old.st_uid, old.st_gid)
+            temporary.chmod(mode)
         temporary.replace(target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-
-
-_BINARY = getattr(os, "O_BINARY", 0)  # where the system would else rewrite the ends of lines
-
-
-def _take_after(old: os.stat_result, file: Path) -> None:
-    new = file.stat()
-    if (new.st_uid, new.st_gid) != (old.st_uid, old.st_gid):
-        with suppress(OSError):  # only root gives files away
-            os.chown(file, old.st_uid, old.st_gid)
-    file.chmod(stat.S_IMODE(old.st_mode))
 
 
 def _write_through(target: Path | int, content: bytes) -> None:

@@ -202,12 +202,8 @@ def _cubic(a: float, b: float, c: float, d: float) -> list[complex]:
 def _quartic(g4: float, g3: float, g2: float, g1: float, g0: float) -> list[complex]:
     """Return the roots of g4 s^4 + ... + g0 by Ferrari: eqs 16 to 19 of docs/model.md."""
     d0 = g2 * g2 - 3.0 * g1 * g3 + 12.0 * g0 * g4
-    d1 = (
-        2.0 * g2**3
-        - 9.0 * g1 * g2 * g3
-        + 27.0 * (g4 * g1 * g1 + g0 * g3 * g3)
-        - 72.0 * g0 * g2 * g4
-    )
+    d1 = 2.0 * g2**3 - 9.0 * g1 * g2 * g3 + 27.0 * (g4 * g1 * g1 + g0 * g3 * g3)
+    d1 -= 72.0 * g0 * g2 * g4
     root = cmath.sqrt(d1 * d1 - 4.0 * d0**3)
     n = d1 + root if abs(d1 + root) >= abs(d1 - root) else d1 - root  # N of the paper
     # N^(1/3) / (3 2^(1/3)) + P, for each cube root; without N all of the resolvent's roots coincide
@@ -218,13 +214,9 @@ def _quartic(g4: float, g3: float, g2: float, g1: float, g0: float) -> list[comp
     half = cmath.sqrt(s)
     q = (4.0 * g2 * g3 * g4 - 8.0 * g1 * g4 * g4 - g3**3) / (4.0 * g4**3 * half) if half else 0j
     centre = -g3 / (4.0 * g4)
-    low, high = cmath.sqrt(rest - q), cmath.sqrt(rest + q)
-    return [
-        centre - half / 2.0 - low / 2.0,
-        centre - half / 2.0 + low / 2.0,
-        centre + half / 2.0 - high / 2.0,
-        centre + half / 2.0 + high / 2.0,
-    ]
+    low, high = cmath.sqrt(rest - q) / 2.0, cmath.sqrt(rest + q) / 2.0
+    left, right = centre - half / 2.0, centre + half / 2.0
+    return [left - low, left + low, right - high, right + high]
 
 
 def _cube_roots(value: complex) -> list[complex]:

@@ -259,10 +259,8 @@ def _filtered(
     def rows_of(placed: Placed[FilteredNoise], values: Iterable[float]) -> Array:
         """Return the filters whose fields have these values, (2, 2)."""
         rows = np.zeros(noise.HIGH_PASS_DAMPING + 1)
-        for row, value in (
-            placed.kind.constants | dict(zip(filters.values(), values, strict=True))
-        ).items():
-            rows[row] = value
+        given = placed.kind.constants | dict(zip(filters.values(), values, strict=True))
+        rows[list(given)] = list(given.values())
         return rows[noise.LOW_PASS :].reshape(2, 2)
 
     def interval(placed: Placed[FilteredNoise]) -> float:
@@ -293,14 +291,9 @@ def _filtered(
                 own, interval, passes_velocity=passes_velocity
             )
 
+    envelope = {"rise": noise.RISE, "plateau": noise.PLATEAU, "decay": noise.DECAY}
     return Kind(
-        fields={
-            "rms": noise.RMS,
-            "rise": noise.RISE,
-            "plateau": noise.PLATEAU,
-            "decay": noise.DECAY,
-        }
-        | fields,
+        fields={"rms": noise.RMS} | envelope | fields,
         rows=noise.ROWS,
         code=kernels.FILTER,
         terms=2,
@@ -547,11 +540,8 @@ def _warn_of_rest(scene: Scene, placed: Placed[Recorded]) -> None:
         reached = placed.highest("start") + np.divide(lasts, placed.lowest("time_scale"))
     late = [end for end in ends if end > reached * (1.0 + 1e-9)]
     if late:
-        which = (
-            "the record lasts"
-            if len(ends) == 1
-            else f"{len(late)} of {len(ends)} records last up to"
-        )
+        several = f"{len(late)} of {len(ends)} records last up to"
+        which = "the record lasts" if len(ends) == 1 else several
         warnings.warn(
             f"{placed.name}: {which} {max(late):g} s, of which an episode of {lasts:g} s "
             f"reaches {reached:g} s; set control.steps, start or time_scale if the rest matters",

@@ -24,19 +24,10 @@ FRICTION = (layout.MU1, layout.MU2, layout.VR, layout.CHI, layout.FN)
 def without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tuple[str, ...]]:
     """Return a support without dry friction that never slips, and the reason, if there is any."""
     low, high = support.low, support.high
-    driven = (
-        scene.excitation or scene.actuation.force is not None or scene.actuation.stretch is not None
-    )
+    driven = scene.excitation or {"force", "stretch"} & set(scene.actuation.names)
     fixed = all(support.fixed(row) for row in FRICTION)
-    asked = scene.solver.method == "switched"
-    if (
-        not support.slips
-        or driven
-        or asked
-        or not fixed
-        or high[layout.L0] > 0.0
-        or low[layout.M1] == 0.0
-    ):
+    known = high[layout.L0] == 0.0 and low[layout.M1] > 0.0 and fixed
+    if not support.slips or driven or scene.solver.method == "switched" or not known:
         return support, ()
     fastest, vr = _fastest_slip(support), low[layout.VR]
     if not fastest < vr:

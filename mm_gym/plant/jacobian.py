@@ -13,7 +13,7 @@ from mm_gym.errors import ActionError, CompileError, SceneError, refuse
 from mm_gym.excitation.kinds import begin_excitation
 from mm_gym.lanes import layout
 from mm_gym.methods.support import MASSLESS, Support
-from mm_gym.plant.idle_friction import require_stick
+from mm_gym.plant.idle_friction import FRICTION, require_stick
 from mm_gym.plant.point import lane_at, require_parameters
 from mm_gym.sensitivity.actuators import actuators_of
 from mm_gym.sensitivity.jacobian import Jacobian, Sensitivities
@@ -74,14 +74,9 @@ def _followed_row(support: Support, name: str) -> int:
     is_harmonic = 0 <= harmonic < len(support.ground) and own in FOLLOWED_OF_HARMONICS
     is_moved = row == layout.STRETCH and not support.fixed(row)
     follows = {followed for followed, _, _ in support.products}
-    is_idle = (
-        row in (layout.MU1, layout.MU2, layout.VR, layout.CHI, layout.FN) and not support.slips
-    )
-    if (
-        is_harmonic
-        or row in support.interface_rows
-        or (row in CAUSED and not is_moved and not is_idle and row not in follows)
-    ):
+    is_idle = row in FRICTION and not support.slips
+    is_caused = row in CAUSED and not (is_moved or is_idle or row in follows)
+    if is_harmonic or row in support.interface_rows or is_caused:
         return row
     msg = (
         f"parameters: {name}: allowed: fields of carriage, sphere, interface and springs that are "

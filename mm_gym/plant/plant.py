@@ -305,14 +305,10 @@ class Plant:
         slots = layout.WEIGHT_CARRIAGE_ACCELERATION, layout.WEIGHT_SPHERE_ACCELERATION
         carriage, sphere = self.task[list(slots)]
         sphere = sphere + self.task[layout.WEIGHT_COUPLING_FORCE] * derived[layout.M2] ** 2
-        zero = np.zeros(lanes.shape[1])
+        # Without mass the carriage's is not finite, and has no weight.
+        own = derived[layout.CARRIAGE_ACCELERATION] if carriage > 0.0 else np.zeros(lanes.shape[1])
         return np.stack(
-            [
-                # Without mass the carriage's is not finite, and has no weight.
-                np.sqrt(carriage)
-                * (derived[layout.CARRIAGE_ACCELERATION] if carriage > 0.0 else zero),
-                np.sqrt(sphere) * derived[layout.SPHERE_ACCELERATION],
-            ]
+            [np.sqrt(carriage) * own, np.sqrt(sphere) * derived[layout.SPHERE_ACCELERATION]]
         )
 
     @property

@@ -28,17 +28,8 @@ NONE = -1.0
 of a parameter in a lane, among them FORCE and STRETCH; of harmonics, that of their own."""
 
 CAUSED = (
-    *(
-        layout.FORCE,
-        layout.STRETCH,
-        layout.M1,
-        layout.M2,
-        layout.K1,
-        layout.D,
-        layout.ALPHA,
-        layout.BETA,
-        layout.C,
-    ),
+    *(layout.FORCE, layout.STRETCH, layout.M1, layout.M2),
+    *(layout.K1, layout.D, layout.ALPHA, layout.BETA, layout.C),
     *(layout.MU1, layout.MU2, layout.VR, layout.CHI, layout.FN, layout.K0, layout.L0),
 )
 """Rows of the parameters whose deviations are followed, other than those of harmonics."""

@@ -88,12 +88,10 @@ class Lanes:
         self._advance = plant.entries.advance_of(
             plant.task, plant.model, self._frames, excited=plant.support.sampled
         )
+        moved = self.values[:4], self.values[self.applied_rows]
         self.outputs: tuple[NDArray[Any], ...] = (
-            self.observed,
-            self.terminated,
-            self.truncated,
-            self.values[:4],
-            self.values[self.applied_rows],
+            *(self.observed, self.terminated, self.truncated),
+            *moved,
         )
         self._threads = Threads(count, threads)
         self.are_threaded = self._threads.are_several
@@ -104,9 +102,8 @@ class Lanes:
         # Looked up once: with few lanes to restart, that takes longer than they do.
         self._products, self._is_excited = plant.support.products, plant.support.sampled
         self._reserves = bool(plant.task[layout.RESERVED])
-        self._can_gather = not (
-            self._products or self._is_excited or bool(plant.task[layout.IS_DERIVED])
-        )
+        is_derived = bool(plant.task[layout.IS_DERIVED])
+        self._can_gather = not (self._products or self._is_excited or is_derived)
         self._bind_steps()
         self._bind_episodes()
         expect(self._advance, episodes.start, episodes.show_first)

@@ -75,19 +75,9 @@ def values_of(row: Array) -> dict[str, Decimal]:
 
     Doubles enter as the decimals that they exactly are.
     """
-    m1, m2, k1, d, alpha, c, k0, stretch = (
-        Decimal(float(row[i]))
-        for i in (
-            layout.M1,
-            layout.M2,
-            layout.K1,
-            layout.D,
-            layout.ALPHA,
-            layout.C,
-            layout.K0,
-            layout.STRETCH,
-        )
-    )
+    masses, own = (layout.M1, layout.M2), (layout.K1, layout.ALPHA, layout.D)
+    m1, m2, k1, alpha, d = (Decimal(float(row[i])) for i in masses + own)
+    c, k0, stretch = (Decimal(float(row[i])) for i in (layout.C, layout.K0, layout.STRETCH))
     mu1, normal, vr = (Decimal(float(row[i])) for i in (layout.MU1, layout.FN, layout.VR))
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         k2 = plain(springs.stiffness)(k0, stretch)

@@ -45,27 +45,16 @@ HEADER = ("", "unit", "peak full", "reduced", "error", "rms full", "reduced", "e
 
 
 class Row(NamedTuple):
-    """A response of the whole structure and of its reduction.
-
-    Attributes
-    ----------
-    name, unit
-        Name of the response, and its unit.
-    full_peak, reduced_peak
-        Largest magnitude at the instants.
-    full_rms, reduced_rms
-        Root mean square over time.
-    difference_rms
-        Root mean square of the difference over that of the whole structure [-]. It measures the
-        error of the motion itself, and is larger than the error of the root mean square.
-    """
+    """A response of the whole structure and of its reduction."""
 
     name: str
     unit: str
-    full_peak: float
+    full_peak: float  # largest magnitude at the instants
     reduced_peak: float
-    full_rms: float
+    full_rms: float  # root mean square over time
     reduced_rms: float
+    # root mean square of the difference over that of the whole structure [-]: the error of the
+    # motion itself, which is larger than the error of the root mean square
     difference_rms: float
 
     @property

@@ -53,33 +53,15 @@ class Absorber:
 
 
 class ClosedForm(NamedTuple):
-    """A closed form, and the criterion that it minimises.
+    """A closed form, and the criterion that it minimises."""
 
-    Attributes
-    ----------
-    excitation
-        "force" on the carriage or "ground".
-    channel
-        The minimised channel.
-    criterion
-        "h_infinity", "h2" or "stability".
-    value
-        Meaning of `Absorber.value`.
-    largest
-        Mass ratios must be below this value.
-    source
-        Its source.
-    formula
-        mu -> f, zeta, value.
-    """
-
-    excitation: str
-    channel: str
-    criterion: str
-    value: str
-    largest: float
+    excitation: str  # "force" on the carriage or "ground"
+    channel: str  # the minimised one
+    criterion: str  # "h_infinity", "h2" or "stability"
+    value: str  # meaning of `Absorber.value`
+    largest: float  # mass ratios must be below this value
     source: str
-    formula: Formula
+    formula: Formula  # mu -> f, zeta, value
 
 
 def closed_form(name: str, mass_ratio: float) -> Absorber:

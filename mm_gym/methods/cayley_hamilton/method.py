@@ -72,16 +72,15 @@ class CayleyHamilton(ExactMethod):
         """Return the generator and the polynomials of the cubic's coefficients."""
         model = np.concatenate([header(support, 0), np.zeros(ch.END - layout.MODEL_OWN)])
         p = values_of(support.low)  # the springs are stiffest at the lowest stretch
+        most_stretched = support.low.copy()
+        most_stretched[layout.STRETCH] = support.high[layout.STRETCH]
         with localcontext(Context(prec=DIGITS)):
             h, m1 = Decimal(support.sample_interval), p["m1"]
             unit = h * h / m1
-            softest, stiffest = values_of(_most_stretched(support))["k2"], p["k2"]
+            softest, stiffest = values_of(most_stretched)["k2"], p["k2"]
             middle, half = unit * (stiffest + softest) / 2, unit * (stiffest - softest) / 2
-            model[ch.K1], model[ch.D], model[ch.C] = (
-                p["k1"] * unit,
-                p["d"] * h / m1,
-                p["c"] * h / m1,
-            )
+            model[ch.K1], model[ch.D] = p["k1"] * unit, p["d"] * h / m1
+            model[ch.C] = p["c"] * h / m1
             model[ch.K0], model[ch.PUSH] = Decimal(float(support.low[layout.K0])) * unit, unit
             model[ch.MASS_RATIO], model[ch.MIDDLE] = p["m2"] / m1, middle
             model[ch.SCALE] = 1 / half if half else 0
@@ -109,12 +108,6 @@ def _amplification(support: Support) -> float:
     c, d, h = support.low[layout.C], support.low[layout.D], support.sample_interval
     lowest = support.lowest_frequencies.min() * h * h * min(d, math.sqrt(c * d))
     return 2.0 * support.low[layout.M1] / lowest if lowest > 0.0 else math.inf
-
-
-def _most_stretched(support: Support) -> Array:
-    row = support.low.copy()
-    row[layout.STRETCH] = support.high[layout.STRETCH]
-    return row
 
 
 def _cubics(
