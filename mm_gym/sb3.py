@@ -107,7 +107,10 @@ def make_vec_env(
     64
     """
     kwargs |= env_kwargs or {}
-    seed = _checked_seed(seed)
+    if seed is not None:
+        if not is_integer(seed) or seed < 0:
+            refuse("seed", f"{seed!r}", "an integer of at least 0", ValueError)
+        seed = int(seed)
     mode = checked_autoreset_mode(kwargs.pop("autoreset_mode", AutoresetMode.SAME_STEP))
     if mode is not AutoresetMode.SAME_STEP:
         refuse("autoreset_mode", f"{mode.value}", f"{AutoresetMode.SAME_STEP.value}", ValueError)
@@ -135,14 +138,6 @@ def make_vec_env(
     if seed is not None:
         env.action_space.seed(seed)  # pyright: ignore[reportUnknownMemberType] - a bare Space, as below
     return env if outer is None else outer(env, **arguments)
-
-
-def _checked_seed(seed: int | np.integer | None) -> int | None:
-    if seed is None:
-        return None
-    if not is_integer(seed) or seed < 0:
-        refuse("seed", f"{seed!r}", "an integer of at least 0", ValueError)
-    return int(seed)
 
 
 def _is_class(wrapper: object, of: type) -> bool:

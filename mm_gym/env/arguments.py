@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array, Single
 from mm_gym.env.own_reward import RewardLike, rewarded
-from mm_gym.errors import ActionError, SceneError, refuse, suggest
+from mm_gym.errors import ActionError, SceneError, check_name, refuse
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import load_scene
 from mm_gym.simulation.checks import array_of, checked_seed, is_array
@@ -77,12 +77,9 @@ def checked_count(number: int | np.integer, name: str) -> int:
 
 def checked_autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
     """Return one of Gymnasium's three modes, or raise `SceneError` with the nearest."""
-    try:
-        return AutoresetMode(mode)
-    except ValueError:
-        allowed = [mode.value for mode in AutoresetMode]
-        msg = f"autoreset_mode: got {mode!r}{suggest(str(mode), allowed)}; allowed: {allowed}"
-        raise SceneError(msg) from None
+    name = mode.value if isinstance(mode, AutoresetMode) else mode
+    check_name("autoreset_mode", name, [one.value for one in AutoresetMode])
+    return AutoresetMode(mode)
 
 
 def checked_options(options: object) -> dict[str, ArrayLike]:

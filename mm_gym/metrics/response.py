@@ -164,12 +164,8 @@ class Totals:
 
         Those of duration 0 do not count.
         """
-        displacement, velocity, stroke, base_force = (
-            cubic(first, last, duration)
-            for first, last in zip(
-                self._smooth(start, force), self._smooth(end, force), strict=True
-            )
-        )
+        both = zip(self._smooth(start, force), self._smooth(end, force), strict=True)
+        displacement, velocity, stroke, base_force = (cubic(*ends, duration) for ends in both)
         counts, fastest = duration > 0.0, velocity.peak()
         first, last = start.acceleration[0], end.acceleration[0]
         moved, speed, way = displacement, fastest, end.state[layout.X1] - start.state[layout.X1]

@@ -204,9 +204,8 @@ def _explain(finding: ErrorDetails, owner: type[Part] | None) -> str:
     if kind == "literal_error" and isinstance(got, str):
         options = str(context["expected"]).split("'")
         nearest = suggest(got, [option for option in options if option.isidentifier()])
-    allowed = (
-        "a finite number or [low, high]" if finding["loc"][-1] == "float" else _allowed(finding)
-    )
+    takes_range = finding["loc"][-1] == "float"
+    allowed = "a finite number or [low, high]" if takes_range else _allowed(finding)
     return f"got {_shown(got)}{nearest}; allowed: {allowed}"
 
 

@@ -271,11 +271,8 @@ def _kernels(
     if is_smooth and not (by_tangents or support.is_cubic or layout.BETA in causes):
         return by_linear_series, columns
     excited = support.ground or support.terms
-    if (
-        is_smooth
-        and support.is_cubic
-        and not (by_tangents or excited or support.low[layout.BETA] < 0)
-    ):
+    softens = support.low[layout.BETA] < 0.0
+    if is_smooth and support.is_cubic and not (by_tangents or excited or softens):
         return by_cubic_series, columns
     return by_series, min(columns, LANES)
 

@@ -20,6 +20,7 @@ from mm_gym.errors import StructureError, refuse
 from mm_gym.files import aligned
 from mm_gym.plant.compile import compile_scene
 from mm_gym.records import Record
+from mm_gym.records.text import evenly
 from mm_gym.scene.scene import Scene
 from mm_gym.simulation.response import root_mean_square
 from mm_gym.simulation.simulate import checked_motion
@@ -165,10 +166,9 @@ def compare(
         If its times do not increase.
     """
     _check(reduction, scene)
-    motion = (
-        np.column_stack([ground.times, ground.values]) if isinstance(ground, Record) else ground
-    )
-    samples = checked_motion(motion)
+    if isinstance(ground, Record):
+        ground = np.column_stack([ground.times, ground.values])
+    samples = checked_motion(ground)
     time = _instants(reduction, samples, duration)
     model = FullModel(reduction, scene, action)
     still = scene.replace(excitation=[])
@@ -216,7 +216,7 @@ def white_noise(duration: float, time_step: float, *, rms: float = 1.0, seed: in
         allowed = f"1 to {MOST_INSTANTS} steps"
         refuse("white noise", f"{duration} s in steps of {time_step} s", allowed, StructureError)
     samples = rms * np.random.default_rng(seed).standard_normal(round(count) + 1)
-    return np.column_stack([_spaced(time_step, len(samples)), samples])
+    return np.column_stack([evenly(len(samples), time_step), samples])
 
 
 class BalancedError(NamedTuple):
@@ -245,9 +245,8 @@ def balanced_error(reduction: Reduction, scene: Scene) -> BalancedError:
     a = turn @ a @ np.linalg.inv(turn)
     gamma, own, mass = reduction.participation, reduction.ground, scene.sphere.mass
     balance = reduction.shaking.balance(mass)
-    exact, scaled = (
-        np.array([0.0, 0.0, *(shift @ column)]) for column in ([-gamma, -own], [-balance, -balance])
-    )
+    exact = np.array([0.0, 0.0, *(shift @ [-gamma, -own])])
+    scaled = np.array([0.0, 0.0, *(shift @ [-balance, -balance])])
     if np.linalg.eigvals(a).real.max() >= 0.0:
         msg = "scene: the motion has no variance under white noise; allowed: damping and springs"
         raise StructureError(msg)
@@ -286,11 +285,7 @@ def _instants(reduction: Reduction, ground: Array, duration: float | None) -> Ar
     if not 1.0 - 1e-9 <= count <= MOST_INSTANTS:
         allowed = f"1 to {MOST_INSTANTS}, {step:g} s apart"
         refuse("duration", f"{end:g} s, which is {count:g} instants", allowed, StructureError)
-    return _spaced(step, int(count * (1.0 + 1e-12)) + 1)
-
-
-def _spaced(step: float, count: int) -> Array:
-    return np.asarray(step * np.arange(count), np.float64)
+    return evenly(int(count * (1.0 + 1e-12)) + 1, step)
 
 
 def _row(time: Array, name: str, unit: str, full: Array, reduced: Array) -> Row:

@@ -21,7 +21,7 @@ from scipy.linalg import expm
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import SimulationError, StructureError
+from mm_gym.errors import SimulationError, StructureError, check_name
 from mm_gym.law import INTERFACES, dry_friction, springs
 from mm_gym.law.interface import MOST_STATES
 from mm_gym.scene.mechanics import GRAVITY
@@ -286,17 +286,19 @@ class Device:
         x1, v1 = cast("float", start.carriage_displacement), cast("float", start.carriage_velocity)
         offset, v2 = cast("float", start.sphere_offset), cast("float", start.sphere_velocity)
         self.initial = np.array([x1, x1 + offset, v1, v2])
-        _check_kind("interface", interface.kind, ("none", "viscous", "dry_friction", *INTERFACES))
-        _check_kind("springs", pair.kind, ("none", "linear", "small_on_large", "finite_stretch"))
+        known = ("none", "viscous", "dry_friction", *INTERFACES)
+        check_name("interface.kind", interface.kind, known, StructureError)
+        known = ("none", "linear", "small_on_large", "finite_stretch")
+        check_name("springs.kind", pair.kind, known, StructureError)
         self._springs, self._cubic = _springs_of(scene)
         smooth = interface.kind in ("none", "viscous") and self._cubic == 0.0
         self.is_linear = smooth and pair.kind != "finite_stretch"
         self._spring_force = plain(springs.spring_force)
-        known = INTERFACES.get(interface.kind)
-        self.states = 0 if known is None else len(known.states)
-        self._force = _line(scene) if known is None else plain(known.force)
-        self._rates = None if known is None else plain(known.rates)
-        self._own = [] if known is None else [_value(scene, name) for name in known.parameters]
+        one = INTERFACES.get(interface.kind)
+        self.states = 0 if one is None else len(one.states)
+        self._force = _line(scene) if one is None else plain(one.force)
+        self._rates = None if one is None else plain(one.rates)
+        self._own = [] if one is None else [_value(scene, name) for name in one.parameters]
 
     def force(self, offset: float, slip: float, own: Array) -> float:
         """Return the force [N] at an offset [m], a slip velocity [m/s] and own states (states,)."""
@@ -324,12 +326,6 @@ def _springs_of(scene: Scene) -> tuple[tuple[float, float, float], float]:
         return (pair.stiffness, 0.0, springs.LINEAR), pair.cubic_coefficient
     length = pair.rest_length if pair.kind == "finite_stretch" else 0.0
     return (pair.stiffness, length, pair.stretch if start is None else cast("float", start)), 0.0
-
-
-def _check_kind(name: str, kind: str, known: tuple[str, ...]) -> None:
-    if kind not in known:
-        msg = f"{name}.kind: got {kind!r}; allowed in a comparison: {', '.join(known)}"
-        raise StructureError(msg)
 
 
 def _value(scene: Scene, name: str) -> float:

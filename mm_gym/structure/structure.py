@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import index
@@ -21,19 +21,15 @@ from mm_gym.arrays import Array
 from mm_gym.errors import StructureError, finite_numbers, refuse
 from mm_gym.files import write_text
 from mm_gym.plant.compile import compile_scene
-from mm_gym.scene.part import Part
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import toml_of
 from mm_gym.simulation.simulate import record_of, simulate
 from mm_gym.simulation.trajectory import Trajectory
-from mm_gym.structure.ground import Shaking, check_mass, scaled_draws
+from mm_gym.structure.ground import Entry, Shaking, check_mass, scaled_draws
 
 if TYPE_CHECKING:
     from mm_gym.simulation.simulate import Policy
     from mm_gym.tuning.closed_forms import Absorber
-Entry = Mapping[str, object] | Part
-
-
 ASYMMETRY = 1e-8
 """Difference of a matrix from its transpose, relative to its largest entry, that passes as
 round-off of what computed it; published digits are copied to both sides."""
@@ -418,9 +414,8 @@ class Reduction:
         own = np.einsum("ik,ij,jk->k", others, self.structure.damping, others)
         cross = np.abs(self.shape @ self.structure.damping @ others)
         both = np.sqrt(np.maximum(own * self.damping, 0.0))
-        return float(
-            np.max(np.divide(cross, both, out=np.zeros_like(both), where=both > 0.0), initial=0.0)
-        )
+        coupled = both > 0.0
+        return float(np.max(cross[coupled] / both[coupled], initial=0.0))
 
     def explain(self) -> str:
         """Return the reduction in words and numbers."""
@@ -429,16 +424,14 @@ class Reduction:
         if len(values) > MOST_SHOWN:
             values[3:-3] = ["..."]
         shape = ", ".join(values)
+        total = f"effective modal mass {self.effective_mass_ratio:.2%} of the total"
         lines = [
             f"mode {self.mode} of {self.structure.count}, device at {self.place}",
             f"frequency {hertz[self.mode - 1]:.6g} Hz, damping ratio {self.damping_ratio:.4g}",
             f"mode shape {shape}",
             f"m1 {self.mass:.6g} kg, k1 {self.stiffness:.6g} N/m, d {self.damping:.6g} N s/m",
+            f"participation factor {self.participation:.6g}, {total}",
         ]
-        lines.append(
-            f"participation factor {self.participation:.6g}, "
-            f"effective modal mass {self.effective_mass_ratio:.2%} of the total"
-        )
         others = np.delete(hertz, self.mode - 1)
         if others.size:
             nearest = others[np.argmin(np.abs(others - hertz[self.mode - 1]))]

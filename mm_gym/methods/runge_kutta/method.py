@@ -65,9 +65,8 @@ end of its springs makes errors grow."""
 
 SHORTEST = 1e-3  # phase [rad] that shorter sample intervals are taken for: any step does
 
-_BENT = (
-    0.125  # times the phase's square: what the slip velocity's bend says of its fourth derivative
-)
+# times the phase's square: what the slip velocity's bend says of its fourth derivative
+_BENT = 0.125
 _NEAR = 0.5  # of the time in which what a shift in time leaves out grows to the tolerance
 
 _SERIES = Taylor()
@@ -144,15 +143,13 @@ class RungeKutta(Method):
             return np.append(series, 0.0)
         tableau, steps = plan
         rate, limit = _rate(support), _limit(support, settings)
+        longest = _longest(len(tableau.times), limit / steps, 1.0)
+        coarse = _coarser(alone=support.is_general) * tableau.estimates(longest)[1]
         own = {
             slots.STEPS: steps,
             slots.STAGES: tableau.stages,
             slots.LIMIT: limit,
-            slots.COARSE: (
-                _coarser(alone=support.is_general)
-                * tableau.estimates(_longest(len(tableau.times), limit / steps, 1.0))[1]
-            )
-            ** 2,
+            slots.COARSE: coarse**2,
             slots.IS_COMBINED: tableau.is_combined,
             slots.BEND: _BENT * rate**2,
             slots.NEAR: _NEAR * math.sqrt(limit) / rate,

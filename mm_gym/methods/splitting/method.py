@@ -245,13 +245,10 @@ def fastest_frequency(support: Support) -> float:
     energy = high[layout.M1] * v1**2 + high[layout.M2] * v2**2 + support.stiffest * offset**2
     energy += linear * x1**2 + 0.5 * cubic * x1**4
     # 0.5 cubic x^4 + linear x^2 = energy
-    square = (
-        2.0 * energy / (linear + math.sqrt(linear**2 + 2.0 * cubic * energy)) if energy else 0.0
-    )
-    outer = linear + 3.0 * cubic * square
-    return math.sqrt(
-        (outer + support.stiffest) / low[layout.M1] + support.stiffest / low[layout.M2]
-    )
+    root = math.sqrt(linear**2 + 2.0 * cubic * energy)
+    square = 2.0 * energy / (linear + root) if energy else 0.0
+    outer, pair = linear + 3.0 * cubic * square, support.stiffest
+    return math.sqrt((outer + pair) / low[layout.M1] + pair / low[layout.M2])
 
 
 def furthest(support: Support, settings: Settings, first: int) -> Array:
@@ -264,11 +261,8 @@ def furthest(support: Support, settings: Settings, first: int) -> Array:
     damping = fastest_decay(support)
     longest = np.array([_longest(first, k + 1, limit) for k in range(slots.MOST)])
     rates = longest / support.sample_interval - damping
-    slopes = (
-        low[layout.M1] * rates * abs(rates)
-        - high[layout.K1] * high[layout.ALPHA]
-        - _sprung(support)
-    )
+    linear = high[layout.K1] * high[layout.ALPHA]
+    slopes = low[layout.M1] * rates * abs(rates) - linear - _sprung(support)
     return slopes / (3.0 * high[layout.K1] * high[layout.BETA])
 
 

@@ -89,9 +89,8 @@ class Switched(ExactMethod):
         )
         with localcontext(Context(prec=60)):
             stick = plain(dry_friction.stick_slope)(mu1, normal, vr)
-            intercept = plain(dry_friction.slip_intercept)(
-                plain(dry_friction.kinetic_force)(mu2, normal), chi, vr
-            )
+            kinetic = plain(dry_friction.kinetic_force)(mu2, normal)
+            intercept = plain(dry_friction.slip_intercept)(kinetic, chi, vr)
         phase = fastest_rate(support) * support.sample_interval
         unit = "the shortest time constant of the friction"
         refuse_long_interval(support, phase, LONGEST_DECAY, unit=unit)
@@ -109,9 +108,8 @@ class Switched(ExactMethod):
         model[switched.VR], model[switched.LAST_LEVEL] = float(vr), levels
         model[switched.WHOLE], model[switched.TERMS] = support.sample_interval, terms
         model[switched.DEGREE] = degree(phase / 2.0**levels)
-        model[switched.LEVEL_SIZE] = switched.HARMONICS + switched.HARMONIC_SIZE * len(
-            support.ground
-        )
+        harmonics = switched.HARMONIC_SIZE * len(support.ground)
+        model[switched.LEVEL_SIZE] = switched.HARMONICS + harmonics
         parts = [model, *regimes, *series]
         ends = np.cumsum([part.size for part in parts])
         model[switched.STICK : switched.STICK + 2] = ends[:2]
