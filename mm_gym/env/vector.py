@@ -438,9 +438,8 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         if len(given) != self.num_envs:
             refuse(name, f"{len(given)} values", f"one, or {self.num_envs} of them", ValueError)
         if hasattr(self, name):
-            msg = (
-                f"{name}: the environment's own, which follows from its scene; allowed: a new name"
-            )
+            owner = "the environment's own, which follows from its scene"
+            msg = f"{name}: {owner}; allowed: a new name"
             raise ValueError(msg)
         self._own[name] = given
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import CompileError, SceneError
+from mm_gym.errors import CompileError, refuse
 from mm_gym.lanes import layout
 from mm_gym.law import carriage_spring, dry_friction, springs
 from mm_gym.law.interface import Interface
@@ -77,11 +77,8 @@ def interface_slopes(support: Support, row: Array) -> InterfaceSlopes:
     by_own, by_motion = found[own, 1:][:, own], found[own, 1:3]
     moved = np.abs(by_motion[:, 1] * point[1]).max(initial=0.0)
     if point[1] != 0.0 and np.abs(by_own).max(initial=0.0) > ROUND_OFF * moved:
-        msg = (
-            f"about: got a slip velocity of {point[1]:g} m/s, at which the state of "
-            f"interface.kind = {interface.kind!r} relaxes; allowed: 0"
-        )
-        raise SceneError(msg)
+        relaxes = f"at which the state of interface.kind = {interface.kind!r} relaxes"
+        refuse("about", f"a slip velocity of {point[1]:g} m/s, {relaxes}", "0")
     follows = np.array(over_own)[: len(by_own)] @ _following(by_own, by_motion)
     stiffness, damping = stiffness + float(follows[0]), damping + float(follows[1])
     of_springs = float(found[1, 0]), float(found[1, 1])

@@ -153,11 +153,9 @@ def _read_npz(file: Path, content: bytes, variable: str | None) -> tuple[str, ND
 def _of_npy(data: bytes) -> NDArray[Any]:
     """Return the array of an .npy file; raise `ValueError` if it is not whole, or has objects."""
     stream = BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    headers = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }
+    form = np.lib.format
+    version = form.read_magic(stream)
+    headers = {(1, 0): form.read_array_header_1_0, (2, 0): form.read_array_header_2_0}
     if version not in headers:
         msg = f"version {version} of the .npy format; allowed: 1.0 or 2.0"
         raise ValueError(msg)
@@ -168,9 +166,8 @@ def _of_npy(data: bytes) -> NDArray[Any]:
         raise ValueError(msg) from error
     rest = len(data) - stream.tell()
     if dtype.kind not in REAL or prod(shape) * dtype.itemsize != rest:
-        msg = (
-            f"got type {dtype}, shape {shape} and {rest} bytes; allowed: all of an array of numbers"
-        )
+        got = f"got type {dtype}, shape {shape} and {rest} bytes"
+        msg = f"{got}; allowed: all of an array of numbers"
         raise ValueError(msg)
     flat = np.frombuffer(data, dtype, offset=stream.tell())
     return flat.reshape(shape, order="F" if is_fortran else "C")
@@ -243,9 +240,8 @@ def _matrices(
         (length,) = struct.unpack(order + "i", next(parts)[1])
         words = bytes(next(parts)[1])
         starts = range(0, len(words), max(length, 1))
-        fields = (
-            words[i : i + length].partition(b"\0")[0].decode("ascii", "replace") for i in starts
-        )
+        texts = (words[i : i + length].partition(b"\0")[0] for i in starts)
+        fields = (text.decode("ascii", "replace") for text in texts)
         inner = ((field, part) for field, (_, part) in zip(fields, parts, strict=True) if part)
         return [one for field, part in inner for one in _matrices(part, order, (*names, field))]
     name = ".".join(names)

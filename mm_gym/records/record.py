@@ -63,9 +63,8 @@ def resample(record: Record, step: float, *, scale: float = 1.0, time_scale: flo
     with np.errstate(over="ignore"):
         last = np.multiply(record.times[-1], time_scale) / step * (1.0 + rounding)
     if not last < MOST_SAMPLES:
-        msg = (
-            f"the record lasts {last:.3g} steps of {step:g} s; allowed: at most {MOST_SAMPLES:.0e}"
-        )
+        most = f"at most {MOST_SAMPLES:.0e}"
+        msg = f"the record lasts {last:.3g} steps of {step:g} s; allowed: {most}"
         raise SceneError(msg)
     instants = np.arange(int(last) + 1) * step / time_scale
     after = np.clip(np.searchsorted(record.times, instants), 1, len(record.times) - 1)

@@ -51,11 +51,9 @@ def _check_offset(fixed: Mapping[int, Array], support: Support) -> None:
     furthest = support.low[layout.STRETCH] * fixed.get(layout.L0, support.low[layout.L0])
     offset = fixed.get(layout.X2)
     if support.high[layout.L0] > 0.0 and offset is not None and np.any(abs(offset) >= furthest):
-        msg = (
-            f"initial.sphere_offset: got {offset}; allowed: less than stretch * rest_length = "
-            f"{furthest} m, where a spring of finite stretch has length 0"
-        )
-        raise SceneError(msg)
+        end = "where a spring of finite stretch has length 0"
+        allowed = f"less than stretch * rest_length = {furthest} m, {end}"
+        refuse("initial.sphere_offset", f"{offset}", allowed)
 
 
 def _checked(name: str, value: ArrayLike, row: int, support: Support, count: int) -> Array:
@@ -103,20 +101,16 @@ def check_values(values: Array, frames: Single, support: Support, idle: Mask) ->
         if wrong.any():
             lane = int(np.flatnonzero(wrong)[0])
             names = [name for name, own in support.names.items() if own == row]
-            where = f"row {row}" + (f" ({names[-1]})" if names else "")
-            msg = (
-                f"state.values: {where} of lane {lane}: got {values[row, lane]:g}; "
-                f"allowed: {low[row]:g} to {high[row]:g}"
-            )
-            raise SceneError(msg)
+            where = f"row {row}" + (f" ({names[-1]})" if names else "") + f" of lane {lane}"
+            allowed = f"{low[row]:g} to {high[row]:g}"
+            refuse(f"state.values: {where}", f"{values[row, lane]:g}", allowed)
     if not np.all(abs(frames[:, ~idle]) <= layout.OBSERVATION_BOUND):
         msg = f"state.frames: allowed: numbers of magnitude at most {layout.OBSERVATION_BOUND:g}"
         raise SceneError(msg)
     age = values[layout.NOW] - values[layout.BEGAN]
     if np.any(age < 0.0) or np.any(age % 1.0 > 0.0):
-        msg = (
-            f"state.values: rows {layout.BEGAN} and {layout.NOW}: allowed: whole numbers, in order"
-        )
+        rows = f"rows {layout.BEGAN} and {layout.NOW}"
+        msg = f"state.values: {rows}: allowed: whole numbers, in order"
         raise SceneError(msg)
     _check_relations(values, support)
 
@@ -128,9 +122,8 @@ def _check_relations(values: Array, support: Support) -> None:
             msg = f"state.values: row {row} ({name}): allowed: whole numbers"
             raise SceneError(msg)
     if support.damped_row and np.any(values[support.damped_row] != values[layout.DAMPING]):
-        msg = (
-            f"state.values: row {support.damped_row}: allowed: the same as in row {layout.DAMPING}"
-        )
+        row = support.damped_row
+        msg = f"state.values: row {row}: allowed: the same as in row {layout.DAMPING}"
         raise SceneError(msg)
     for row, ratio, other in support.products:
         if np.any(values[row] != values[ratio] * values[other]):

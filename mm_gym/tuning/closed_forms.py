@@ -82,10 +82,8 @@ def closed_form(name: str, mass_ratio: float) -> Absorber:
     check_name("closed form", name, CLOSED_FORMS, DesignError)
     form = CLOSED_FORMS[name]
     if not (isfinite(mass_ratio) and 0.0 < mass_ratio < form.largest):
-        msg = (
-            f"mass ratio: got {mass_ratio!r}; allowed by {name!r}: greater than 0, "
-            f"below {form.largest:g}"
-        )
+        allowed = f"greater than 0, below {form.largest:g}"
+        msg = f"mass ratio: got {mass_ratio!r}; allowed by {name!r}: {allowed}"
         raise DesignError(msg)
     return Absorber(*form.formula(float(mass_ratio)))
 

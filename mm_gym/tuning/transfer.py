@@ -134,7 +134,12 @@ def stationary_points(transfer: Transfer) -> list[Peak]:
     sizes = amplitude(transfer, np.append(0.0, inner))
     found = [Peak(0.0, float(sizes[0]))]
     found += [Peak(float(w), float(h)) for w, h in sorted(zip(inner, sizes[1:], strict=True))]
-    return [*found, Peak(np.inf, _amplitude_at_infinity(transfer))]
+    numerator = np.trim_zeros(transfer.numerator, "f")
+    missing = len(transfer.denominator) - len(numerator)
+    last = 0.0 if missing > 0 else np.inf
+    if missing == 0:
+        last = float(abs(numerator[0] / transfer.denominator[0]))
+    return [*found, Peak(np.inf, last)]
 
 
 def largest_peak(
@@ -256,11 +261,3 @@ def _with_derivatives(
         slope = slope * s + value
         value = value * s + coefficient
     return value, slope, 2.0 * half
-
-
-def _amplitude_at_infinity(transfer: Transfer) -> float:
-    numerator = np.trim_zeros(transfer.numerator, "f")
-    missing = len(transfer.denominator) - len(numerator)
-    if missing > 0:
-        return 0.0
-    return float(abs(numerator[0] / transfer.denominator[0])) if missing == 0 else np.inf
