@@ -329,5 +329,6 @@ def standing(ratios: Mapping[str, Estimate], count: int) -> dict[str, Any]:
         "below": [name for name, ratio in ratios.items() if ratio.value < 1.0 <= ratio.high],
         "alone": [name for name, r in ratios.items() if r.value < 1.0 and isnan(r.high)],
         "above": [name for name, ratio in ratios.items() if not ratio.value < 1.0],
+        "margin": f"{MARGIN:.1%}".replace("%", " %"),
         "hardly": [name for name, ratio in ratios.items() if 1.0 - MARGIN < ratio.value < 1.0],
     }

@@ -419,7 +419,7 @@ def test_controllers_that_do_not_apply_say_why_and_the_others_are_scored(
     (found,) = measure(compared, EPISODES)
     assert found.labels == ("best constant", "no control", "no-control")
     assert np.array_equal(found.sample.penalties[1], found.sample.penalties[2])
-    unseen = {"LQR", "velocity feedback", "LQG", "lqr", "energy shaping"}
+    unseen = {"LQR", "velocity feedback", "LQG", "detuned LQG", "lqr", "energy shaping"}
     assert set(found.not_scored) == unseen | {"four.npz"}
     for name in unseen:
         assert found.not_scored[name].startswith("sensors.channels: ")

@@ -32,6 +32,7 @@ NO_RESULT = {
     "A policy of more than kB": "says what the page leaves out",
     "evaluate docs/policies/PreStretch": "a command",
     "by less than the interval": "precedes a list from data",
+    "the difference is less than": "precedes a margin from data",
     "On each variant an agent for the rigs": "a sentence that costs choose",
     "costs at most more than the clairvoyant": "the same",
 }
