@@ -35,11 +35,11 @@ def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
     Raises
     ------
     SimulationError
-        If the number of pieces is less than 1, the trajectory is one instant, or the carriage has
-        no mass.
+        If the number of pieces is no integer of at least 1, the trajectory is one instant, or the
+        carriage has no mass.
     """
-    if pieces < 1:
-        refuse("pieces", f"{pieces}", "at least 1", SimulationError)
+    if not isinstance(pieces, int | np.integer) or pieces < 1:
+        refuse("pieces", f"{pieces!r}", "an integer of at least 1", SimulationError)
     recording, interval = trajectory.recording, trajectory.recording.plant.support.sample_interval
     end = float(trajectory.time[-1])
     if end <= float(trajectory.time[0]):

@@ -359,7 +359,9 @@ def test_a_cubic_is_measured_exactly():
 
 def test_what_cannot_be_measured_is_refused():
     motion = simulate(CARRIAGE_FORCE, duration=0.05)
-    with pytest.raises(SimulationError, match="pieces: got 0; allowed: at least 1"):
+    with pytest.raises(SimulationError, match=r"pieces: got 1\.5; allowed: an integer of at least"):
+        metrics.response(motion, pieces=1.5)
+    with pytest.raises(SimulationError, match="pieces: got 0; allowed: an integer of at least 1"):
         metrics.response(motion, pieces=0)
     with pytest.raises(SimulationError, match="got one instant, t = 0 s"):
         metrics.response(simulate(CARRIAGE_FORCE, times=[0.0]))
