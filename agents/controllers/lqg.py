@@ -49,7 +49,10 @@ ROUND_OFF = 1e-12
 MOST_NUMBERS = 500_000  # numbers of gains that are kept for an episode's start
 
 EFFORTS = np.linspace(-1.0, 4.0, 6)  # exponents of what multiplies the weight of the force
-DISTURBANCES = UNMODELLED, 1e-2, 0.1, 1.0  # sizes of what is unmodelled that are tried
+
+DISTURBANCES = UNMODELLED, 1e-2, 0.1, 1.0
+"""Sizes of what is unmodelled that are tried: with more the stationary filter is quicker, as an
+episode's first steps need it, and shows more noise."""
 
 OF_ACTUATORS = "stretch", "damping", "voltage", "applied_force"
 """Channels that show an actuator, and not the motion."""
@@ -461,7 +464,6 @@ _without_rail = unless(
     lambda scene: scene.objective.rail_half_length is not None,
     "which keeps off the ends of a rail; objective.rail_half_length: missing",
 )
-
 
 ENTRIES = (
     regulator_entry("lqg", ("force",), LQG, 50, "filter", label=LQG.name),

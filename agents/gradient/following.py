@@ -5,9 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from agents.control.controller import part
 from agents.gradient.settings import GradientSettings, fitted
 from agents.network.layers import UNIT
-from agents.training.arrays import Arrays, part_of
+from agents.training.arrays import Arrays
 from agents.training.search import Search
 from agents.training.starts import IN_WORDS, Start, start_of
 from mm_gym import Scene
@@ -64,12 +65,12 @@ class Following(Search):
     def _state(self) -> Arrays:
         numbers = {"rounds": self.rounds, "trust": self.trust}
         state = {f"gradient/{name}": np.asarray(number) for name, number in numbers.items()}
-        for part, own in self._parts.items():
-            state |= {f"{part}/{name}": array.copy() for name, array in own.items()}
+        for role, own in self._parts.items():
+            state |= {f"{role}/{name}": array.copy() for name, array in own.items()}
         return state
 
     def _restore(self, arrays: Arrays) -> None:
         self.rounds, self.trust = int(arrays["gradient/rounds"]), float(arrays["gradient/trust"])
-        for part, own in self._parts.items():
-            for name, array in part_of(arrays, part).items():
+        for role, own in self._parts.items():
+            for name, array in part(arrays, role).items():
                 own[name][...] = array

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import part
 from agents.network.files import arrays_in
 from agents.training.runs import RunError
 from mm_gym import SceneError
@@ -77,6 +76,3 @@ def check_like(arrays: Arrays, wanted: Arrays) -> None:
                 f"allowed: {array.dtype} of shape {array.shape}"
             )
             raise ValueError(msg)
-
-
-part_of = part  # arrays are joined and taken apart as a memory is

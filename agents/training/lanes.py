@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from agents.control.controller import Controller, Memory, chosen, joined, part
 from agents.controllers.learned import observed
-from agents.training.arrays import Arrays, check_like, part_of
+from agents.training.arrays import Arrays, check_like
 from agents.training.config import SEED_BITS, TrainSettings, training_seeds
 from agents.training.parts import Parts
 from mm_gym.arrays import Array, Single
@@ -142,7 +142,7 @@ class TrainingLanes(VectorEnvAdapter):
             {name: array if array.ndim else array.item() for name, array in arrays.items()},
         )
         if self.residual is not None:
-            self.residual.set_state(part_of(dict(state), "residual"))
+            self.residual.set_state(part(dict(state), "residual"))
 
 
 def make_lanes(settings: TrainSettings, parts: Parts) -> TrainingLanes:

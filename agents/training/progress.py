@@ -9,11 +9,11 @@ import os
 import numpy as np
 from pydantic import BaseModel
 
-from agents.control.controller import joined
+from agents.control.controller import joined, part
 from agents.control.feedback import Feedback, TrueState
 from agents.controllers.constant import no_control
 from agents.scoring import validation_cost
-from agents.training.arrays import Arrays, check_like, part_of
+from agents.training.arrays import Arrays, check_like
 from agents.training.runs import METRICS, TIMES, Run, RunError, read_as
 from mm_gym import Scene
 from mm_gym.arrays import Array
@@ -43,9 +43,9 @@ class Progress:
         """Restore what `arrays` returned; raise `ValueError` or `KeyError` if it is damaged."""
         progress = cls()
         check_like(arrays, progress.arrays())
-        own = part_of(arrays, "progress")
+        own = part(arrays, "progress")
         progress.rows, progress.seconds = own["rows"], float(own["seconds"])
-        progress.best = part_of(arrays, "best")
+        progress.best = part(arrays, "best")
         if not np.isfinite(progress.rows[:, :2]).all():
             msg = "progress/rows: got steps or times that are not finite; allowed: finite numbers"
             raise ValueError(msg)

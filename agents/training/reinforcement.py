@@ -27,12 +27,12 @@ from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from tqdm import TqdmExperimentalWarning
 
-from agents.control.controller import joined
+from agents.control.controller import joined, part
 from agents.network.files import check_shapes
 from agents.policies import policy_in
 from agents.scoring import validation_cost
 from agents.training.algorithms import algorithm_class, make_model, policy_of
-from agents.training.arrays import Arrays, damage_named, load_checkpoint, part_of, save_checkpoint
+from agents.training.arrays import Arrays, damage_named, load_checkpoint, save_checkpoint
 from agents.training.config import TrainSettings
 from agents.training.lanes import TrainingLanes, make_lanes
 from agents.training.own_scene import for_own_scene
@@ -272,8 +272,8 @@ def restore(model: BaseAlgorithm, arrays: Arrays) -> None:
     missing or have other types or shapes; the model is of no more use then.
     """
     _restore_networks(model, arrays)
-    _lanes(model).set_state(part_of(arrays, "lanes"))
-    own = part_of(arrays, "model")
+    _lanes(model).set_state(part(arrays, "lanes"))
+    own = part(arrays, "model")
     model.num_timesteps = _count(own, "steps")
     model._n_updates = _count(own, "updates")  # noqa: SLF001 - SB3 keeps them to itself
     for name in KEPT:
@@ -286,9 +286,9 @@ def restore(model: BaseAlgorithm, arrays: Arrays) -> None:
         check_shapes(own, {"memory": (4, *cells[0][0].shape)})
         state, output, *others = (_tensor(array) for array in own["memory"])
         model._last_lstm_states = type(cells)((state, output), tuple(others))  # noqa: SLF001
-    _restore_generators(model, part_of(arrays, "random"))
-    _restore_normalisation(model, part_of(arrays, "normalisation"))
-    _restore_replayed(model, part_of(arrays, "replay"))
+    _restore_generators(model, part(arrays, "random"))
+    _restore_normalisation(model, part(arrays, "normalisation"))
+    _restore_replayed(model, part(arrays, "replay"))
 
 
 def _count(arrays: Arrays, name: str) -> int:
@@ -335,7 +335,7 @@ def _restore_networks(model: BaseAlgorithm, arrays: Arrays) -> None:
     named, tensors = model._get_torch_save_params()  # noqa: SLF001
     for name in named:
         target = recursive_getattr(model, name)
-        state = {key: _tensor(array) for key, array in part_of(arrays, name).items()}
+        state = {key: _tensor(array) for key, array in part(arrays, name).items()}
         if isinstance(target, torch.optim.Optimizer):
             moments: dict[int, dict[str, torch.Tensor]] = {}
             for key, tensor in state.items():
@@ -421,8 +421,8 @@ def _normalisation(model: BaseAlgorithm) -> Arrays:
         moments = getattr(statistics, name, None)
         if moments is not None:
             arrays |= {
-                f"{name}.{part}": np.array(getattr(moments, part))
-                for part in ("mean", "var", "count")
+                f"{name}.{moment}": np.array(getattr(moments, moment))
+                for moment in ("mean", "var", "count")
             }
     return arrays
 
@@ -434,11 +434,11 @@ def _restore_normalisation(model: BaseAlgorithm, arrays: Arrays) -> None:
     check_shapes(arrays, {"returns": _seen(model)[:1], "seen": _seen(model)})
     statistics.returns, statistics.old_obs = arrays["returns"], arrays["seen"]
     for key, array in arrays.items():
-        name, _, part = key.partition(".")
-        if part:
+        name, _, moment = key.partition(".")
+        if moment:
             moments = getattr(statistics, name)
-            check_shapes(arrays, {key: np.shape(getattr(moments, part))})
-            setattr(moments, part, array if array.ndim else array.item())
+            check_shapes(arrays, {key: np.shape(getattr(moments, moment))})
+            setattr(moments, moment, array if array.ndim else array.item())
 
 
 def _replayed(model: BaseAlgorithm) -> Arrays:

@@ -20,7 +20,7 @@ from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clippe
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import device_of
 from agents.controllers.learned import Learned
-from agents.controllers.lqg import design_filter, design_lqg, state_units
+from agents.controllers.lqg import DISTURBANCES, design_filter, design_lqg, state_units
 from agents.controllers.lqr import regulator
 from agents.network.layers import UNIT
 from agents.policies import Policy, network
@@ -59,10 +59,6 @@ MEMORY = 0.97  # of the estimate of a frequency: some 30 control steps
 CLEARLY = 1.1
 """By how much the start that suits the actuators may cost more than the cheapest one: on
 CarriageForceFriction the LQR costs 5 % more than no control, and evolution ends alike from both."""
-
-UNMODELLED = 1e-3, 1e-2, 0.1, 1.0
-"""Of the LQGs that are tried (`design_lqg`): with more the stationary filter is quicker, as an
-episode's first steps need it, and shows more noise."""
 
 CAUTION = 0.1, 1.0, 10.0, 100.0
 """Factors of the force's weight in these designs: with more the force is clipped less often, which
@@ -346,7 +342,7 @@ class Shown:
     def estimates(self, scene: Scene, at: dict[str, float] | None) -> list[Estimate]:
         """Return Kalman filters of the scene, of which the best is to be found."""
         plant, found = plant_of(scene), list[Estimate]()
-        for unmodelled in UNMODELLED if self.filtered else ():
+        for unmodelled in DISTURBANCES if self.filtered else ():
             with suppress(CompileError, DesignError):
                 system, gains = design_filter(scene, at, unmodelled)
                 units = state_units(scene, plant, system)
@@ -471,7 +467,7 @@ def _lqg(scene: Scene, shown: Shown) -> Start:
             raise reasons[0]
         return min(found, key=lambda design: found[design][0])
 
-    caution, unmodelled = try_all(itertools.product(CAUTION, UNMODELLED))
+    caution, unmodelled = try_all(itertools.product(CAUTION, DISTURBANCES))
     best = try_all((caution * factor, unmodelled) for factor in FINELY)
     return found[best][1]
 
@@ -488,7 +484,7 @@ def settling(scene: Scene, start: Start) -> Start:
     shown, (caution, stationary) = Shown(scene, filtered=True), start.design
     held, weighed, found = _held(scene, shown), _weighed(scene), [start]
     designs: dict[float, Start] = {}
-    for unmodelled in {*UNMODELLED, stationary}:
+    for unmodelled in {*DISTURBANCES, stationary}:
         with suppress(DesignError):
             designs[unmodelled] = _one_lqg(weighed, shown, caution, unmodelled, held)
     for (quick, first), (slow, last) in itertools.product(designs.items(), repeat=2):
