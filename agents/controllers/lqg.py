@@ -70,6 +70,7 @@ class LQGDesign:
     filters: Array  # (steps, n, p): the gain in each step, of which the last is the stationary one
     start: Array  # (n,): mean of the state when an episode begins
     error: Array  # (n, n): stationary covariance of the estimate's error
+    innovation: Array  # (p, p): stationary covariance of y - C x, before x is corrected
     cost: float  # expected mean of -reward per step [-], in the long run and without limits
 
 
@@ -78,9 +79,11 @@ def design_lqg(
     *,
     stretch: float | None = None,
     unmodelled: float = UNMODELLED,
-    wandering: bool = False,
 ) -> LQGDesign:
     """Solve both Riccati equations for a scene's reward, sensors and random excitation.
+
+    The phase of a harmonic wanders within an episode, and faster where its frequency is drawn: no
+    force stills a harmonic for ever, so neither equation has a solution without.
 
     Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing, the
     sensors do not show a mode that does not decay, or an equation has no stabilising solution.
@@ -92,9 +95,6 @@ def design_lqg(
     unmodelled
         Standard deviation of what else disturbs each displacement and velocity in a step, over the
         objective's scales: it keeps the filter awake.
-    wandering
-        Whether the phase of a harmonic wanders within an episode, and faster where its frequency is
-        drawn. No force stills a harmonic for ever, so neither equation has a solution without.
     """
     force_weight(scene)
     require_number("unmodelled", unmodelled)
@@ -102,8 +102,7 @@ def design_lqg(
     channels = tuple(channel for channel in plant.channels if channel != "stretch")
     at = None if stretch is None else {"initial.stretch": stretch}
     system = plant.state_space(["force"], channels, sampled=True, at=at)
-    if wandering:
-        system = _with_wandering_phases(scene, system)
+    system = _with_wandering_phases(scene, system)
     regulated, gain, riccati, curvature = regulator(plant, scene, at, system)
     noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
     shown = [channel for channel in plant.observed if channel.name in channels]
@@ -112,12 +111,12 @@ def design_lqg(
     units = state_units(scene, plant, system), np.array([1.0 / channel.factor for channel in shown])
     start, spread = _initial(scene, system)
     covariances, steps = (noise, sensors, spread), scene.control.steps
-    filters, error = _filter(system, gain != 0.0, covariances, units=units, steps=steps)
+    filters, error, innovation = _filter(system, gain != 0.0, covariances, units=units, steps=steps)
     rows = np.ix_(regulated, regulated)
     own = gain[list(regulated)]
     cost = float(np.sum(riccati * system.process_noise[rows]))
     cost += float(curvature * own @ error[rows] @ own)
-    return LQGDesign(system, gain, filters, start, error, cost)
+    return LQGDesign(system, gain, filters, start, error, innovation, cost)
 
 
 def design_filter(
@@ -299,8 +298,8 @@ def _filter(
     *,
     units: tuple[Array, Array],
     steps: int,
-) -> tuple[Array, Array]:
-    """Return the filter's gains in an episode's first steps, and the stationary error.
+) -> tuple[Array, Array, Array]:
+    """Return the filter's gains in an episode's first steps; its stationary error and innovation.
 
     States that neither an output nor a motion in the cost depends on, as those of a sphere without
     interface and springs, are not estimated.
@@ -339,7 +338,8 @@ def _filter(
             break
     filters, spread = np.zeros((len(gains) + 1, len(x), len(y))), np.zeros_like(outer)
     filters[:, kept], spread[rows] = [*gains, last], error
-    return filters * x[:, None] / y, spread * outer
+    innovation = c @ stationary @ c.T + sensors
+    return filters * x[:, None] / y, spread * outer, innovation * np.outer(y, y)
 
 
 def require_detectable(a: Array, c: Array) -> None:
@@ -374,11 +374,15 @@ class LQG(Controller):
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         design, step, estimate = self.design, memory["step"], memory["estimate"]
         gain = design.filters[np.minimum(step, len(design.filters) - 1)]
-        missed = self.frame.values(observation) - estimate @ design.system.C.T
+        missed = self.missed(memory, observation)
         estimate = estimate + np.einsum("lnp,lp->ln", gain, missed)
         force = self.further_force(estimate) - estimate @ design.gain
         force = np.clip(force, -self.limit, self.limit)
         return force[:, None] / self.limit, {"step": step + 1, "estimate": estimate}
+
+    def missed(self, memory: Memory, observation: Observation) -> Array:
+        """Return what the prediction of the outputs is off by (lanes, p)."""
+        return self.frame.values(observation) - memory["estimate"] @ self.design.system.C.T
 
     def further_force(self, estimate: Array) -> Array | float:
         """Return what is added to the regulator's force [N]."""
@@ -398,7 +402,7 @@ class DetunedLQG(LQG):
     drawn, a filter that trusts its model is wrong.
     """
 
-    def __init__(self, scene: Scene, factor: float, unmodelled: float) -> None:
+    def __init__(self, scene: Scene, factor: float, unmodelled: float = UNMODELLED) -> None:
         weight = factor * scene.objective.effort_weight
         super().__init__(scene.replace(**{"objective.effort_weight": weight}), unmodelled)
         self.name = f"LQG, effort weight times {factor:.2g}, unmodelled {unmodelled:.2g}"

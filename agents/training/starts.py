@@ -541,7 +541,7 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float, held
         stretch = command.low + 0.5 * (1.0 + held.direct[-1, 0]) * (command.high - command.low)
     weight = caution * scene.objective.effort_weight
     cautious = scene.replace(**{"objective.effort_weight": weight})
-    design = design_lqg(cautious, stretch=stretch, unmodelled=unmodelled, wandering=True)
+    design = design_lqg(cautious, stretch=stretch, unmodelled=unmodelled)
     system, limit = design.system, force.limit
     units = state_units(scene, plant_of(scene), system)
     corrected, keep, enter = shown.memory_of(system, design.filters[-1], units)
