@@ -14,7 +14,7 @@ import numpy as np
 from agents.evolution.network_kernel import forward
 from agents.training.network import Network
 from agents.training.runs import Run
-from agents.training.starts import Start
+from agents.training.start import Start
 from benchmarks.report import table
 
 ROOT = Path(__file__).parents[1]
@@ -44,7 +44,7 @@ def evolution() -> str:
 
 def lanes_per_second() -> float:
     """Return the rate of the forward pass of 4-16-1, the best of the rounds, in processor time."""
-    start = Start(np.empty((0, 2, 4)), np.empty((0, 4)), np.zeros((1, 5)), np.empty(0))
+    start = Start.linear(np.zeros((1, 5)))
     network = Network(start, 16, odd=False)
     rng = np.random.default_rng(0)
     parameters = rng.standard_normal((CANDIDATES, network.free.size)).astype(np.float32)

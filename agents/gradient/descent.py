@@ -28,10 +28,11 @@ from agents.gradient.settings import AVERAGED, STEEPEST, WARMED, GradientSetting
 from agents.policies import Policy
 from agents.training.arrays import Arrays
 from agents.training.config import training_seeds
+from agents.training.lqg_start import WEIGHTS_OF_MEMORY, settling
 from agents.training.network import Network as Evolved
 from agents.training.runs import Run
 from agents.training.scales import Scales
-from agents.training.starts import WEIGHTS_OF_MEMORY, Start, settling
+from agents.training.start import Start
 from mm_gym import ActionError, Scene
 
 BIASES = ("bias", "last")

@@ -10,7 +10,8 @@ from agents.gradient.settings import GradientSettings, fitted
 from agents.network.layers import UNIT
 from agents.training.arrays import Arrays
 from agents.training.search import Search
-from agents.training.starts import IN_WORDS, Start, start_of
+from agents.training.start import Start
+from agents.training.starts import IN_WORDS, start_of
 from mm_gym import Scene
 
 DOUBTED, REGAINED = 0.5, 1.02

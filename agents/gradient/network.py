@@ -1,14 +1,12 @@
 """A policy over lanes, followed forwards through an episode and back to its parameters."""
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.linalg import eig
 
 from agents.network.layers import UNIT, Correlation, SettlingObserver
 from agents.policies import Policy
 from agents.training.arrays import Arrays
-from agents.training.starts import Start
+from agents.training.start import Start
 from mm_gym.arrays import Array, Single
 
 Parameters = dict[str, Single]
@@ -70,26 +68,14 @@ def with_oscillators(start: Start, count: int, generator: np.random.Generator) -
 
     An oscillator is two states that turn and decay, driven by the observation with random weights.
     """
-    n, m = start.enter.shape[1] or start.pairs.shape[2], len(start.keep)
-    size = m + 2 * count
+    n, size = start.pairs.shape[2] - len(start.keep), 2 * count
     keep, enter = np.zeros((size, size)), np.zeros((size, n))
-    keep[:m, :m], enter[:m] = start.keep, start.enter.reshape(m, n)
-    for row in range(m, size, 2):
+    for row in range(0, size, 2):
         loss, turn = np.exp(generator.uniform(*np.log(LOSSES))), generator.uniform(*TURNS)
-        cosine, sine = np.cos(turn), np.sin(turn)
-        keep[row : row + 2, row : row + 2] = (1.0 - loss) * np.array(
-            [[cosine, -sine], [sine, cosine]]
-        )
-        enter[row : row + 2] = loss * generator.standard_normal((2, n))
-    pairs = np.pad(start.pairs, ((0, 0), (0, 0), (0, 2 * count)))
-    direct = np.insert(start.direct, [1 + n + m] * 2 * count, 0.0, axis=1)
-    back = np.pad(start.back, ((0, size - len(start.back)), (0, 0)))
-    early = start.early
-    if early.size:
-        early = np.pad(np.insert(early, [m] * 2 * count, 0.0, axis=1), ((0, 2 * count), (0, 0)))
-    return replace(
-        start, pairs=pairs, direct=direct, keep=keep, enter=enter, back=back, early=early
-    )
+        cosine, sine, pair = np.cos(turn), np.sin(turn), slice(row, row + 2)
+        keep[pair, pair] = (1.0 - loss) * np.array([[cosine, -sine], [sine, cosine]])
+        enter[pair] = loss * generator.standard_normal((2, n))
+    return start.with_memory(keep, enter)
 
 
 def longest(keep: Single) -> float:

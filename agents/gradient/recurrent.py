@@ -30,7 +30,7 @@ from agents.network.module import Module
 from agents.network.policy import Policy
 from agents.training.arrays import Arrays
 from agents.training.config import training_seeds
-from agents.training.starts import Start
+from agents.training.start import Start
 from mm_gym import ActionError, Scene
 from mm_gym.arrays import Array, Single
 from mm_gym.torch import Episodes

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from agents.policies import Policy
 from agents.training.scales import Scales
-from agents.training.starts import Start
+from agents.training.start import Start
 from mm_gym.arrays import Array
 
 WEIGHT, OUTPUT, DIRECT = 0.5, 0.3, 0.5

@@ -9,7 +9,7 @@ import numpy as np
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
 from agents.controllers.learned import Learned, observed
 from agents.rollout import Rollout
-from agents.training.starts import Start
+from agents.training.start import Start
 from mm_gym import ActionError, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
 

@@ -22,7 +22,7 @@ from agents.network.files import LARGEST, Arrays
 from agents.training.config import SEED_BITS, Count, TimedSettings
 from agents.training.runs import Run
 from agents.training.search import Search
-from agents.training.starts import Shown
+from agents.training.shown import Shown
 from agents.value_table.kernel import NODES, expect, sweep
 from agents.value_table.policy import ARRAYS, NUMBERS, TablePolicy
 from mm_gym import DesignError, Scene, compile_scene

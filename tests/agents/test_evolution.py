@@ -26,7 +26,8 @@ from agents.training.parts import Best, Parts, agent_of, base_controller, make_p
 from agents.training.progress import read_ending
 from agents.training.runs import Run, RunError
 from agents.training.scales import Scales, size_of_actions
-from agents.training.starts import Start, added_to, start_of
+from agents.training.start import Start
+from agents.training.starts import added_to, start_of
 from mm_gym import DesignError, MovingMassVectorEnv, SceneError, load_scene
 from mm_gym.tasks import path_of
 

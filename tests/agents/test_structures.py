@@ -22,16 +22,17 @@ from agents.gradient.settings import GradientSettings, fitted
 from agents.network.layers import Correlation
 from agents.policies import load_policy
 from agents.scoring import evaluate, validation_cost
-from agents.training import own_scene, search, starts
+from agents.training import own_scene, search, shown
 from agents.training import parts as best_of
 from agents.training.config import PPOSettings, TrainSettings, settings_from_command_line
+from agents.training.lqg_start import settling
 from agents.training.own_scene import misfits, print_misfits
 from agents.training.parts import Best, Parts, agent_of, make_parts
 from agents.training.progress import read_ending
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 from agents.training.scales import Scales
-from agents.training.starts import settling, start_of
+from agents.training.starts import start_of
 from mm_gym import Scene, compile_scene, load_scene
 
 FOLDER = Path(__file__).parents[2] / "configs" / "structures"
@@ -119,7 +120,7 @@ def test_memory_of_late_sensors_is_reduced_to_what_it_tells(monkeypatch: pytest.
     settings = settings_for("frame", law="lqg")
     found = []
     for most in (64, 12):
-        monkeypatch.setattr(starts, "MOST_STATES", most)
+        monkeypatch.setattr(shown, "MOST_STATES", most)
         start = start_of(scene, settings, np.random.default_rng(0))
         found.append((len(start.keep), validation_cost(scene, Learned(start.policy()))))
     (every, whole), (few, reduced) = found
