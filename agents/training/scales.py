@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
 from agents.controllers.learned import Learned, observed
-from agents.rollout import Rollout
+from agents.rollout import Rollout, Step
 from agents.training.start import Start
 from mm_gym import ActionError, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
@@ -38,34 +39,37 @@ class Scales:
     def measured(cls, scene: Scene, start: Start) -> Scales:
         """Return those under a start, in episodes of the scene."""
         watched = _Watched(start)
-        env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled", info="none")
         try:
-            for _ in Rollout(env, watched, seed=SEED):
-                pass
+            sizes = _sizes(scene, watched, lambda _: watched.seen)
         except ActionError:  # a start that is not stable
             return cls.stated(start)
-        sums = watched.squares, watched.acted, watched.changed
-        inputs, outputs, updates = (np.sqrt(total / watched.steps) for total in sums)
-        units = np.ones(len(start.units))  # are of order one
-        return cls(
-            _usable(np.concatenate([inputs, units])), np.clip(outputs, LEAST, 1.0), _usable(updates)
-        )
+        return cls._of(start, *sizes)
 
     @classmethod
     def around(cls, scene: Scene, base: Controller, start: Start) -> Scales:
         """Return those of what is added to a base, in episodes under it alone."""
-        env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
-        squares = [
-            np.mean(observed(step.observation, step.action) ** 2, axis=0)
-            for step in Rollout(env, base, seed=SEED)
-        ]
-        sizes, units = np.sqrt(np.mean(squares, axis=0)), np.ones(len(start.units))
-        acted = np.clip(sizes[-len(start.direct) :], LEAST, 1.0)
-        return cls(_usable(np.concatenate([sizes, units])), acted, np.ones(0))
+        (sizes,) = _sizes(scene, base, lambda one: (observed(one.observation, one.action),))
+        return cls._of(start, sizes, sizes[-len(start.direct) :], np.ones(0))
+
+    @classmethod
+    def _of(cls, start: Start, inputs: Array, outputs: Array, updates: Array) -> Scales:
+        inputs = np.concatenate([inputs, np.ones(len(start.units))])  # units are of order one
+        inputs, updates = (
+            np.where(np.isfinite(sizes) & (sizes > 0.0), sizes, 1.0) for sizes in (inputs, updates)
+        )
+        return cls(inputs, np.clip(outputs, LEAST, 1.0), updates)
 
 
-def _usable(sizes: Array) -> Array:
-    return np.where(np.isfinite(sizes) & (sizes > 0.0), sizes, 1.0)
+def _sizes(
+    scene: Scene, controller: Controller, read: Callable[[Step], Sequence[Array]]
+) -> list[Array]:
+    """Return the root mean squares of what is read of each step, (lanes, ...) each."""
+    env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
+    squares = [
+        [np.mean(one**2, axis=0) for one in read(step)]
+        for step in Rollout(env, controller, seed=SEED)
+    ]
+    return [np.sqrt(sum(rows) / len(rows)) for rows in zip(*squares, strict=True)]
 
 
 def size_of_actions(scene: Scene, controller: Controller) -> float:
@@ -76,22 +80,14 @@ def size_of_actions(scene: Scene, controller: Controller) -> float:
 
 
 class _Watched(Learned):
-    """A start's policy; it sums the squares of what it reads, remembers and does."""
+    """A start's policy, which notes what it read and did, and how its memory changed."""
 
     def __init__(self, start: Start) -> None:
         super().__init__(start.policy())
-        self.states = len(start.keep)
-        self.squares: Array = np.zeros(start.pairs.shape[2])
-        self.acted: Array = np.zeros(len(start.direct))
-        self.changed: Array = np.zeros(self.states)
-        self.steps = 0
+        self.states, self.seen = len(start.keep), tuple[Array, ...]()
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         action, after = super().propose(memory, observation, info)
         before, now = (one["policy"][:, : self.states] for one in (memory, after))
-        read = np.hstack([observation, now])
-        self.changed += np.mean((now - before) ** 2, axis=0)
-        self.squares += np.mean(read**2, axis=0)
-        self.acted += np.mean(action**2, axis=0)
-        self.steps += 1
+        self.seen = np.hstack([observation, now]), action, now - before
         return action, after
