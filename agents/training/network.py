@@ -43,35 +43,31 @@ class Network:
 
     def first(self, generator: np.random.Generator) -> Array:
         """Return a vector that acts as the law: hidden units are drawn, and have no part yet."""
-        *_, shape = self.shapes
-        weights = np.zeros(shape)
-        inputs = shape[1] - self.sizes[2]
-        weights[:, :inputs] = 1.5 / np.sqrt(inputs) * generator.standard_normal((shape[0], inputs))
+        k, inputs = self.start.direct.shape
+        drawn = 1.5 / np.sqrt(inputs) * generator.standard_normal((self.hidden, inputs))
         if self.odd:
-            weights[:, 0] = 0.0
-        weights *= self.sizes_of_parameters[2]
+            drawn[:, 0] = 0.0
+        weights = np.pad(drawn, ((0, 0), (0, k))) * self._of_order_one[1]
         return np.concatenate(
             [self.start.pairs.ravel(), self.start.direct.ravel(), weights.ravel()]
         )
 
     def spreads(self) -> Array:
         """Return the size of each parameter's changes."""
-        pairs, direct, hidden = (np.ones(shape) for shape in self.shapes)
-        hidden *= WEIGHT
-        hidden[:, -self.sizes[2] :] = OUTPUT
-        pairs *= self.start.spreads[:, None, None]
-        _, of_direct, of_hidden = self.sizes_of_parameters
-        direct, hidden = DIRECT * direct * of_direct, hidden * of_hidden
-        return np.concatenate([pairs.ravel(), direct.ravel(), hidden.ravel()])
+        shape, k = self.start.pairs.shape, len(self.start.direct)
+        pairs = np.broadcast_to(self.start.spreads[:, None, None], shape)
+        direct, hidden = self._of_order_one
+        hidden = hidden * np.repeat([WEIGHT, OUTPUT], [hidden.size - k, k])
+        return np.concatenate(
+            [pairs.ravel(), DIRECT * direct.ravel(), np.tile(hidden, self.hidden)]
+        )
 
     @property
-    def sizes_of_parameters(self) -> tuple[Array, Array, Array]:
-        """Sizes by which parameters are of order one, of the vector's three parts."""
+    def _of_order_one(self) -> tuple[Array, Array]:
+        """Sizes over which direct weights, and parameters of a hidden unit, are of order one."""
         scales = self.scales or Scales.stated(self.start)
         inputs = 1.0 / np.concatenate([[1.0], scales.inputs])
-        direct = scales.outputs[:, None] * inputs
-        hidden = np.tile(np.concatenate([inputs, scales.outputs]), (self.hidden, 1))
-        return np.ones(self.start.pairs.shape), direct, hidden
+        return scales.outputs[:, None] * inputs, np.concatenate([inputs, scales.outputs])
 
     @property
     def free(self) -> NDArray[np.bool_]:
