@@ -215,11 +215,6 @@ def _episodes(rollout: Rollout) -> Episodes:
     return found
 
 
-def _coarse(scene: Scene, tolerance: float) -> Scene:
-    """Return the scene with a solver no finer than this."""
-    return scene.replace(**{"solver.tolerance": max(tolerance, scene.solver.tolerance)})
-
-
 def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     """Search until generations or time are used up, and write the best policy to the run's folder.
 
@@ -267,14 +262,12 @@ class Evolution(Search):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the tolerance is of no use to exact plants
             acting = settings.worst, around
-            self.populations = [
-                Population(
-                    Trial(_coarse(one, settings.tolerance), self.network, count, *acting),
-                    settings.candidates,
-                    settings.threads,
-                )
-                for one, count in settings.scenes(scene, settings.episodes)
-            ]
+            self.populations: list[Population] = []
+            for one, count in settings.scenes(scene, settings.episodes):
+                tolerance = max(settings.tolerance, one.solver.tolerance)
+                coarse = one.replace(**{"solver.tolerance": tolerance})
+                trial = Trial(coarse, self.network, count, *acting)
+                self.populations.append(Population(trial, settings.candidates, settings.threads))
         self.worst = settings.worst
         validated = Trial(scene, self.network, VALIDATION_EPISODES, *acting)
         self.validation = Candidates(validated, 1)

@@ -71,16 +71,20 @@ class Descent(Following):
         own = settings.scene is not None
         super().__init__(settings, scene)
         settings = self.settings
-        generator = np.random.default_rng(settings.seed)
-        start = self._start(generator)
-        start = settling(scene, start) if own else start
-        start = with_oscillators(start, settings.oscillators, generator)
+        start = settling(scene, self.began) if own else self.began
+        start = with_oscillators(start, settings.oscillators, self.generator)
         self.odd = scene.actuation.names == ("force",)
         scales = Scales.measured(scene, start) if own else Scales.stated(start)
         evolved = Evolved(start, settings.hidden, odd=self.odd, scales=scales)
-        self.start = evolved.policy(evolved.first(generator))
-        self.parts = self._of_scenes(scene, STEEPEST if own and self.odd else MOST)
+        self.start = evolved.policy(evolved.first(self.generator))
+        most = STEEPEST if own and self.odd else MOST
+        self.parts = [
+            (Episodes(one, count, most), Network(self.start, one.control.steps, count))
+            for one, count in settings.scenes(scene, settings.episodes)
+        ]
         self.network = self.parts[0][1]
+        for _, network in self.parts:
+            network.parameters = self.network.parameters
         self.mean = parameters_of(self.start)
         self.sizes = _sizes(scales, start)
         self.longest = longest(start.keep)
@@ -88,16 +92,6 @@ class Descent(Following):
         self.slopes, self.squares = zeros, {name: array.copy() for name, array in zeros.items()}
         self.frames = sum(one.lanes * one.steps for one, _ in self.parts)
         self.size = 0.0
-
-    def _of_scenes(self, scene: Scene, most: float) -> list[tuple[Episodes, Network]]:
-        """Return the episodes of each scene, and the passes of the one network through them."""
-        parts = [
-            (Episodes(one, count, most), Network(self.start, one.control.steps, count))
-            for one, count in self.settings.scenes(scene, self.settings.episodes)
-        ]
-        for _, network in parts[1:]:
-            network.parameters = parts[0][1].parameters
-        return parts
 
     def _advance(self) -> None:
         settings, count, size = self.settings, self.settings.episodes, np.inf
@@ -172,13 +166,8 @@ class Descent(Following):
 
 def _sizes(scales: Scales, start: Start) -> Arrays:
     """Return the sizes of a network's parameters, by role, so that each is of order one over it."""
-    x, u, updates, m = (
-        scales.inputs,
-        scales.outputs[:, None],
-        scales.updates[:, None],
-        len(start.keep),
-    )
-    n = start.pairs.shape[2] - m
+    x, u, updates = scales.inputs, scales.outputs[:, None], scales.updates[:, None]
+    n, shown = start.pairs.shape[2] - len(start.keep), start.pairs.shape[2]
     sizes = {
         "hidden": 1.0 / x,
         "bias": np.ones(1),
@@ -186,7 +175,7 @@ def _sizes(scales: Scales, start: Start) -> Arrays:
         "last": u[:, 0],
         "pairs": np.ones(1),
         "direct": u / x,
-        "keep": updates / x[n : n + m],
+        "keep": updates / x[n:shown],
         "enter": updates / x[:n],
         "back": updates / u[:, 0],
     }

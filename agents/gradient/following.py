@@ -10,7 +10,6 @@ from agents.gradient.settings import GradientSettings, fitted
 from agents.network.layers import UNIT
 from agents.training.arrays import Arrays
 from agents.training.search import Search
-from agents.training.start import Start
 from agents.training.starts import IN_WORDS, start_of
 from mm_gym import Scene
 
@@ -23,6 +22,10 @@ class Following(Search):
 
     Attributes
     ----------
+    generator
+        What further is drawn from.
+    began
+        What it begins as; of the best floor on your own scene unless one is asked for.
     trust
         Part of the rate and the horizon that is used: a half after each gradient that is not
         finite, and again more with each that is.
@@ -35,14 +38,11 @@ class Following(Search):
         settings = settings if settings.scene is None else fitted(settings, scene)
         super().__init__(settings, scene)
         self.settings: GradientSettings = settings
-
-    def _start(self, generator: np.random.Generator) -> Start:
-        """Return the start, note what it is, and set the floor unless the scene's is the best."""
-        start = start_of(self.scene, self.settings, generator)
-        self.began_as = IN_WORDS[start.law]
-        if self.settings.scene is None or "floor" in self.settings.model_fields_set:
-            start.units[:, UNIT.index("floor")] = self.settings.floor
-        return start
+        self.generator = np.random.default_rng(settings.seed)
+        self.began = start_of(scene, settings, self.generator)
+        self.began_as = IN_WORDS[self.began.law]
+        if settings.scene is None or "floor" in settings.model_fields_set:
+            self.began.units[:, UNIT.index("floor")] = settings.floor
 
     @property
     @abstractmethod

@@ -114,10 +114,8 @@ class RecurrentDescent(Following):
     def __init__(self, settings: GradientSettings, scene: Scene) -> None:
         super().__init__(settings, scene)
         settings = self.settings
-        generator = np.random.default_rng(settings.seed)
-        start = self._start(generator)
         self.episodes = Episodes(scene, settings.episodes, most=MOST)
-        self.module = Module(with_cell(start, settings, generator))
+        self.module = Module(with_cell(self.began, settings, self.generator))
         self.mean = {name: one.detach().clone() for name, one in self.module.trained.items()}
         rates = {"lr": settings.rate, "betas": (FIRST, SECOND)}
         self.optimiser = torch.optim.Adam(self.module.parameters(), **rates)
