@@ -13,6 +13,7 @@ from agents.control.controller import Acted, Controller, Info, Memory, Observati
 from agents.control.model import state_scales
 from agents.control.observed_state import Frame
 from agents.control.scene import STATES, drawn_but, force_weight, plant_of, require_number
+from agents.controllers.constant import uncontrolled
 from agents.controllers.lqr import (
     Quadratic,
     hidden_mode,
@@ -49,6 +50,10 @@ ROUND_OFF = 1e-12
 MOST_NUMBERS = 500_000  # numbers of gains that are kept for an episode's start
 
 EFFORTS = np.linspace(-1.0, 4.0, 6)  # exponents of what multiplies the weight of the force
+
+LEAST = 1e-3
+"""Least weight of the force that these factors are of, over the mean penalty without control: where
+a scene states none, noise and delay decide how much force is best."""
 
 DISTURBANCES = UNMODELLED, 1e-2, 0.1, 1.0
 """Sizes of what is unmodelled that are tried: with more the stationary filter is quicker, as an
@@ -408,13 +413,28 @@ class DetunedLQG(LQG):
         self.name = f"LQG, effort weight times {factor:.2g}, unmodelled {unmodelled:.2g}"
 
 
+def weighed(scene: Scene) -> Scene:
+    """Return the scene with a weight of the force that a regulator can be designed with."""
+    stated = Scene.of(scene.model_dump(mode="json"))  # without a reward of one's own
+    least = LEAST * validation_cost(stated, uncontrolled(stated)) ** 2
+    if scene.objective.effort_weight >= least:
+        return scene
+    return scene.replace(**{"objective.effort_weight": least})
+
+
+def without_force(scene: Scene) -> str | None:
+    """Return why no force can be regulated whatever it costs, or None."""
+    return without_weight(scene.replace(**{"objective.effort_weight": 1.0}))
+
+
 def best_detuned_lqg(scene: Scene) -> DetunedLQG:
     """Search a factor of the force's weight over five decades, for each size of the unmodelled."""
+    own = weighed(scene)
 
-    def weighed(unmodelled: float) -> DetunedLQG:
-        return cheapest(scene, lambda e: DetunedLQG(scene, 10.0**e, unmodelled), EFFORTS)
+    def best(unmodelled: float) -> DetunedLQG:
+        return cheapest(scene, lambda e: DetunedLQG(own, 10.0**e, unmodelled), EFFORTS)
 
-    return min(map(weighed, DISTURBANCES), key=lambda one: validation_cost(scene, one))
+    return min(map(best, DISTURBANCES), key=lambda one: validation_cost(scene, one))
 
 
 class WeightedLQG(LQG):
@@ -471,7 +491,7 @@ _without_rail = unless(
 
 ENTRIES = (
     regulator_entry("lqg", ("force",), LQG, 50, "filter", label=LQG.name),
-    Entry("detuned-lqg", ("force",), best_detuned_lqg, 51, "filter", "detuned LQG", without_weight),
+    Entry("detuned-lqg", ("force",), best_detuned_lqg, 51, "filter", "detuned LQG", without_force),
     Tunable("weighted-lqg", free_numbers, WeightedLQG).entry(
         ("force",),
         53,

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.stats.qmc import Halton
 
 from agents.control.controller import Acted, Controller, Info, Memory, Observation, joined, part
-from agents.controllers.lqg import EFFORTS, DetunedLQG
-from agents.controllers.registry import Entry, unless, without_weight
+from agents.controllers.lqg import EFFORTS, DetunedLQG, weighed, without_force
+from agents.controllers.registry import Entry, unless
 from agents.controllers.searched import cheapest
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
@@ -83,7 +83,8 @@ def _near(scene: Scene, names: Sequence[str], middles: Array, reach: Array) -> S
 
 def best_multiple_model_lqg(scene: Scene) -> MultipleModelLQG:
     """Search a factor of the force's weight over five decades."""
-    return cheapest(scene, lambda e: MultipleModelLQG(scene, 10.0**e), EFFORTS)
+    own = weighed(scene)
+    return cheapest(scene, lambda e: MultipleModelLQG(own, 10.0**e), EFFORTS)
 
 
 _without_frequency = unless(
@@ -99,6 +100,6 @@ ENTRIES = (
         52,
         "filter",
         "multiple-model LQG",
-        lambda scene: _without_frequency(scene) or without_weight(scene),
+        lambda scene: _without_frequency(scene) or without_force(scene),
     ),
 )

@@ -7,6 +7,7 @@ from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH
 from agents.control.feedback import Feedback, TrueState
 from agents.controllers.lqg import LQG, best_detuned_lqg, design_lqg
 from agents.controllers.lqr import LQR
+from agents.controllers.registry import laws
 from agents.controllers.tuned import baselines
 from agents.exports.controllers import controller_policy
 from agents.scoring import evaluate, validation_cost
@@ -116,6 +117,19 @@ def test_where_the_force_changes_slowly_another_effort_weight_costs_half():
     detuned, stated = (validation_cost(scene, one(scene)) for one in (best_detuned_lqg, LQG))
     assert detuned < 0.5 * stated
     assert len(controller_policy("detuned-lqg", scene).layers) == 2
+
+
+def test_without_a_weight_of_the_force_a_detuned_lqg_is_designed_all_the_same():
+    # The default weight is 0, and agents begin as LQGs there too.
+    scene = load_scene(CONFIGS / "structures" / "frame.toml").replace(
+        **{"objective.effort_weight": 0.0}
+    )
+    assert "lqg" not in laws(scene)
+    regulated, damped = (
+        validation_cost(scene, laws(scene)[name](scene))
+        for name in ("detuned-lqg", "velocity-feedback")
+    )
+    assert regulated < 0.5 * damped
 
 
 @pytest.mark.parametrize(
