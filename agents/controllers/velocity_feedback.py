@@ -19,13 +19,12 @@ class VelocityFeedback(Law):
     """
 
     def __init__(self, scene: Scene, gain: float) -> None:
-        limit = Command(scene, "force").high
+        self.command = Command(scene, "force")
         require_number("gain", gain)
-        self.name = f"velocity feedback, {gain:.2g} N s/m"
-        self.gain = gain / limit
+        self.name, self.gain = f"velocity feedback, {gain:.2g} N s/m", gain
 
     def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
-        return np.clip(-self.gain * state[:, 2:3], -1.0, 1.0), memory
+        return self.command(-self.gain * state[:, 2], self.command.present(applied)), memory
 
 
 best_velocity_feedback = over_decades(  # of the carriage's critical damping

@@ -14,6 +14,7 @@ from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqr import LQR, design
 from agents.controllers.registry import laws
 from agents.controllers.tuned import further_laws
+from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 
@@ -55,6 +56,20 @@ def test_first_gain_of_a_long_episode_is_the_regulators() -> None:
     found = FiniteHorizonLQR(long)
     assert found.states == expected.states
     np.testing.assert_allclose(found.gains[0], expected.gain[0], rtol=1e-9)
+
+
+def test_velocity_feedback_is_of_the_force_where_its_rate_is_commanded() -> None:
+    scene = CARRIAGE_FORCE.replace(
+        **{"actuation.force": {"limit": 2.0, "rate_limit": 400.0, "command": "rate"}}
+    )
+    env = MovingMassVectorEnv(scene, 8)
+    _, info = env.reset(seed=0)
+    law = VelocityFeedback(scene, 5.0)
+    for _ in range(20):
+        velocity = info["state"][:, 2]
+        action, _ = law.action({}, info["state"], info["applied"])
+        *_, info = env.step(action)
+        np.testing.assert_allclose(info["applied"][:, 0], np.clip(-5.0 * velocity, -2.0, 2.0))
 
 
 def test_linear_mpc_without_limits_is_the_regulator() -> None:
