@@ -158,18 +158,7 @@ def regulator(
     That are the states that the cost depends on, the gain on all states, P, and the curvature of
     the cost over the force [1/N^2].
     """
-    every = [signal.name for signal in system.states]
-    weight = _weight(scene, at, every)
-    seen = [name for name in STATES if weight[every.index(name)].any()]
-    part = plant.state_space(["force"], seen, sampled=True, at=at)
-    names = [signal.name for signal in part.observable().states]
-    if not set(names) <= set(every):  # combinations of states
-        names = [signal.name for signal in part.states]
-    names += [name for k, name in enumerate(every) if weight[k, k] > 0.0 and name not in names]
-    regulated = tuple(every.index(name) for name in names)
-    whole = Quadratic(weight[:-1, :-1], weight[:-1, -1:], weight[-1:, -1:])
-    own, rows = whole.of(regulated), np.ix_(regulated, regulated)
-    a, b = system.A[rows], system.B[list(regulated)]
+    regulated, a, b, own = regulated_part(plant, scene, at, system)
     stage = own.ahead(a, b) if own.cross.any() else own
     x, limit = state_units(scene, plant, system)[list(regulated)], Command(scene, "force").high
     scaled = Quadratic(
@@ -188,13 +177,31 @@ def regulator(
             f"the cost contains and that does not decay ({np.abs(poles).max():.9f} in a step)"
         )
         raise DesignError(msg)
-    gain = np.zeros(len(every))
+    gain = np.zeros(len(system.states))
     gain[list(regulated)] = np.asarray(found)[0] * limit / x
     riccati = np.asarray(riccati) / np.outer(x, x)
     curvature = (stage.force + b.T @ riccati @ b).item()
     if stage is not own:
         riccati = riccati + own.state
     return regulated, gain, riccati, curvature
+
+
+def regulated_part(
+    plant: Plant, scene: Scene, at: dict[str, float] | None, system: LinearSystem
+) -> tuple[tuple[int, ...], Array, Array, Quadratic]:
+    """Return the states of a system that the cost depends on, their A and B, and the cost."""
+    every = [signal.name for signal in system.states]
+    weight = _weight(scene, at, every)
+    seen = [name for name in STATES if weight[every.index(name)].any()]
+    part = plant.state_space(["force"], seen, sampled=True, at=at)
+    names = [signal.name for signal in part.observable().states]
+    if not set(names) <= set(every):  # combinations of states
+        names = [signal.name for signal in part.states]
+    names += [name for k, name in enumerate(every) if weight[k, k] > 0.0 and name not in names]
+    regulated = tuple(every.index(name) for name in names)
+    whole = Quadratic(weight[:-1, :-1], weight[:-1, -1:], weight[-1:, -1:])
+    rows = np.ix_(regulated, regulated)
+    return regulated, system.A[rows], system.B[list(regulated)], whole.of(regulated)
 
 
 def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from agents.control.controller import Controller
-from agents.controllers.lqg import LQG, WeightedLQG, state_units
+from agents.controllers.lqg import LQG, DetunedLQG, state_units
 from agents.network.layers import Clip, Dense, Observer, Residual
 from agents.network.policy import Policy
 from agents.training.parts import base_controller
@@ -68,7 +68,7 @@ def controller_policy(name: str, scene: Scene) -> Policy:
     an LQG's estimate does not begin at 0.
     """
     controller = base_controller(scene, name)
-    if isinstance(controller, LQG) and not isinstance(controller, WeightedLQG):
+    if isinstance(controller, LQG) and type(controller) in (LQG, DetunedLQG):
         return _stationary(controller, scene)
     gains = linear_base(controller, scene)
     if gains is None:

@@ -1,0 +1,146 @@
+"""The LQG of a force whose rate is limited or commanded: the rate has a weight of its own."""
+
+from itertools import product
+
+import control
+import numpy as np
+
+from agents.control.actuators import Actuators, Command
+from agents.control.controller import Acted, Info, Memory, Observation
+from agents.control.scene import plant_of
+from agents.controllers.lqg import (
+    DISTURBANCES,
+    LQG,
+    regulated_part,
+    state_units,
+    weighed,
+    without_force,
+)
+from agents.controllers.registry import Entry
+from agents.controllers.searched import cheapest
+from agents.scoring import validation_cost
+from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
+from mm_gym.arrays import Array
+
+DECADES = np.array([-1.0, 0.0, 1.0])
+"""Exponents of both weights that are tried together; each is then searched between its neighbours.
+"""
+
+
+class RateLimitedLQG(LQG):
+    """The LQG whose regulator weighs how fast the force changes, and whose filter knows the limit.
+
+    The applied force is a state, and the way d that is left to the command is the input. So what a
+    rate limit keeps a force from doing is hardly asked for. Rawlings, Mayne and Diehl, *Model
+    Predictive Control*, 2nd ed. (2017), chapter 1. The filter predicts with the force that the rate
+    limit lets the actuator reach. Raise `DesignError` as for `lqg.design_lqg`.
+
+    Parameters
+    ----------
+    effort
+        Factor of the force's weight in the reward.
+    rate
+        Weight of the rate over its limit, squared, over the force's weight in the reward.
+    """
+
+    def __init__(self, scene: Scene, effort: float, rate: float, unmodelled: float) -> None:
+        of_force, limit = scene.objective.effort_weight, Command(scene, "force").high
+        position = scene.replace(
+            **{
+                "actuation.force.command": "position",
+                "objective.effort_weight": effort * of_force,
+            }
+        )
+        super().__init__(position, unmodelled)
+        self.effort = effort
+        self.name = f"rate-limited LQG, weights times {effort:.2g} and {rate:.2g}"
+        self.actuators, self.command = Actuators(scene), Command(scene, "force")
+        self.share = float(self.actuators.lag_factor[0])
+        of_rate = rate * of_force * (self.share / self.command.travel) ** 2
+        self.of_state, self.of_force = _gain(position, self.design.system, of_rate, limit)
+
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        still = np.zeros((env.num_envs, 1))
+        return {**super().begin(env), "applied": still, "asked": still}
+
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        _, after = super().propose(memory, observation, info)
+        applied, asked = (memory[name][:, 0] for name in ("applied", "asked"))
+        force = (1.0 - self.of_force) * applied - after["estimate"] @ self.of_state
+        return self.command(force, asked), {**memory, **after}
+
+    def note(self, memory: Memory, action: Array) -> Memory:
+        before, system = memory["applied"], self.design.system
+        applied, asked = self.actuators.reached(action, before, memory["asked"])
+        # The command that a force without rate limit would follow to the same value.
+        force = before + (applied - before) / self.share
+        estimate = memory["estimate"] @ system.A.T + force * system.B[:, 0]
+        return {**memory, "estimate": estimate, "applied": applied, "asked": asked}
+
+
+def _gain(scene: Scene, system: LinearSystem, rate: float, limit: float) -> tuple[Array, float]:
+    """Return the gains of d on all states and on the applied force, with a weight of d [1/N^2]."""
+    plant = plant_of(scene)
+    regulated, a, b, own = regulated_part(plant, scene, None, system)
+    stage, x = own.ahead(a, b), state_units(scene, plant, system)[list(regulated)]
+    names = [system.states[k].name for k in regulated]
+    state, cross = stage.state * np.outer(x, x), stage.cross * x[:, None] * limit
+    a, b, effort = a * x / x[:, None], b * limit / x[:, None], stage.force * limit**2
+    if "force" not in names:  # it follows at once, and is what was last commanded
+        a, state = np.pad(a, (0, 1)), np.pad(state, (0, 1))
+        b, cross = np.vstack([b, [[1.0]]]), np.vstack([cross, [[0.0]]])
+        names = [*names, "force"]
+    applied = np.eye(1, len(names), names.index("force"))
+    across = cross @ applied
+    weights = (
+        state + across + across.T + effort * applied.T @ applied,
+        effort + rate * limit**2,
+        cross + effort * applied.T,
+    )
+    try:
+        gain, _, _ = control.dlqr(a + b @ applied, b, *weights, method="scipy")
+    except (np.linalg.LinAlgError, control.ControlArgument) as error:
+        msg = f"the regulator's Riccati equation has no stabilising solution: {error}"
+        raise DesignError(msg) from error
+    found, whole = np.asarray(gain)[0], np.zeros(len(system.states))
+    whole[list(regulated)] = found[: len(regulated)] * limit / x
+    return whole, 0.0 if len(found) == len(regulated) else float(found[-1])
+
+
+def best_rate_limited_lqg(scene: Scene) -> RateLimitedLQG:
+    """Search both weights and the size of the unmodelled together, then each weight alone."""
+    own = weighed(scene)
+
+    def made(effort: float, rate: float, unmodelled: float) -> RateLimitedLQG:
+        return RateLimitedLQG(own, 10.0**effort, 10.0**rate, unmodelled)
+
+    def cost(numbers: tuple[float, float, float]) -> float:
+        try:
+            return validation_cost(scene, made(*numbers))
+        except DesignError:
+            return np.inf
+
+    effort, rate, unmodelled = min(product(DECADES, DECADES, DISTURBANCES), key=cost)
+    found = cheapest(scene, lambda e: made(e, rate, unmodelled), effort + DECADES)
+    effort = np.log10(found.effort)
+    return cheapest(scene, lambda r: made(effort, r, unmodelled), rate + DECADES)
+
+
+def _refused(scene: Scene) -> str | None:
+    force = scene.actuation.force
+    if force is not None and force.rate_limit is None:
+        return "which knows how fast a force can change; actuation.force.rate_limit: missing"
+    return without_force(scene.replace(**{"actuation.force.command": "position"}))
+
+
+ENTRIES = (
+    Entry(
+        "rate-limited-lqg",
+        ("force",),
+        best_rate_limited_lqg,
+        52,
+        "filter",
+        "rate-limited LQG",
+        _refused,
+    ),
+)
