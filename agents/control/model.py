@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
 from agents.control.controller import Memory, chosen
-from agents.control.scene import ENDLESS, drawn_but, plant_of
+from agents.control.scene import ENDLESS, PARTS, drawn_but, nominal, plant_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
 
@@ -22,8 +22,8 @@ HELD = {"kind": "harmonic", "amplitude": 0.0, "frequency": 0.0, "phase": 0.5 * n
 class Model:
     """Motion of the carriage and the sphere from a given state, step by step.
 
-    There is no excitation, no noise and no delay; randomised parameters have the values that the
-    scene states, and the actuators reach at once what is applied. A known disturbance enters as a
+    There is no excitation, no noise and no delay; randomised parameters are at the middle of their
+    ranges, and the actuators reach at once what is applied. A known disturbance enters as a
     force on the carriage that is constant over a control step: in the control force, or, where that
     acts between the masses, as a harmonic force of frequency 0.
 
@@ -45,7 +45,9 @@ class Model:
         self.has_force = force is not None
         self.is_between = scene.actuation.is_between
         pushed = {"limit": self.limit, "between": "masses" if self.is_between else "ground"}
+        drawn = [name for name in scene.randomization if name.startswith(PARTS)]
         changes: dict[str, object] = {
+            **{name: nominal(scene, name) for name in drawn},
             "excitation": [HELD] if self.is_between else [],
             "randomization": {AMPLITUDE: [-self.limit, self.limit]} if self.is_between else {},
             "initial": {},

@@ -17,6 +17,9 @@ FADED = 1e-6  # of a motion after a control step; less is round-off
 ENDLESS = {"objective.displacement_limit": None, "objective.rail_half_length": None}
 """Changes of a scene by which no motion ends an episode."""
 
+PARTS = "carriage.", "sphere.", "interface.", "springs."
+"""What a rig is made of."""
+
 MOST_PLANTS = 32
 _PLANTS: dict[str, Plant] = {}
 

@@ -6,7 +6,7 @@ from agents.control.controller import Acted, Law, Memory, chosen
 from agents.control.feedback import Feedback
 from agents.control.model import covariance
 from agents.control.observed_state import missed_covariance
-from agents.control.scene import drawn_but, nominal, plant_of
+from agents.control.scene import PARTS, drawn_but, nominal, plant_of
 from agents.controllers.gain_scheduling import Schedule
 from agents.controllers.registry import Entry, without_weight
 from agents.controllers.searched import DECADES, searched
@@ -14,9 +14,6 @@ from mm_gym import Scene
 from mm_gym.arrays import Array
 
 STIFFNESS = "carriage.stiffness"
-
-PARTS = "carriage.", "sphere.", "interface.", "springs."
-"""What a rig is made of: what differs in it is no noise, but what is to be identified."""
 
 FACTORS = np.linspace(0.5, 2.0, 16)
 """Stiffnesses over that which the scene states, at which regulators are designed."""
@@ -48,6 +45,7 @@ class AdaptiveLQR(Law):
         # What 100 % of either parameter adds to the velocity in a step, over the means of x1 and
         # v1: the errors act as a force that is held does.
         self.effects = -self.push[2, 0] * np.array([self.stiffness, damping])
+        # What differs in a rig is no noise, but what is to be identified.
         stated = scene.replace(randomization=drawn_but(scene, *PARTS))
         self.noise = (covariance(stated) + missed_covariance(stated))[2, 2]
 

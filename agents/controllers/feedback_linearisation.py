@@ -6,7 +6,7 @@ import numpy as np
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
-from agents.control.scene import STATES
+from agents.control.scene import STATES, nominal
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Free, Tunable, without_weight
 from mm_gym import Scene
@@ -24,10 +24,10 @@ class FeedbackLinearisation(Law):
     name = "feedback linearisation"
 
     def __init__(self, scene: Scene, numbers: Mapping[str, float]) -> None:
-        carriage, regulator = scene.carriage, LQR(scene)
+        regulator, stiffness = LQR(scene), nominal(scene, "carriage.stiffness")
         self.limit = Command(scene, "force").high
         self.ahead = numbers["lead"] * scene.control.time_step
-        self.cubic = numbers["cancelled"] * carriage.stiffness * carriage.cubic_coefficient
+        self.cubic = numbers["cancelled"] * stiffness * nominal(scene, CUBIC)
         self.gain = np.zeros(4)
         for k, gain in zip(regulator.design.states, regulator.design.gain[0], strict=True):
             self.gain[k] = numbers[f"gain_{STATES[k]}"] * gain

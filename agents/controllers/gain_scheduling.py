@@ -4,7 +4,7 @@ import numpy as np
 
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Feedback
-from agents.control.scene import drawn_but
+from agents.control.scene import drawn_but, nominal
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Entry, without_weight
 from agents.controllers.searched import DECADES, searched
@@ -49,11 +49,10 @@ class GainScheduledLQR(Law):
     """
 
     def __init__(self, scene: Scene, schedule: Schedule, factor: float) -> None:
-        carriage = scene.carriage
         self.name = f"gain-scheduled LQR, gains times {factor:.2g}"
         self.schedule, self.factor = schedule, factor
-        self.linear = carriage.stiffness * carriage.linear_coefficient
-        self.cubic, self.mass = carriage.stiffness * carriage.cubic_coefficient, carriage.mass
+        stiffness, self.mass = (nominal(scene, f"carriage.{one}") for one in ("stiffness", "mass"))
+        self.linear, self.cubic = (stiffness * nominal(scene, one) for one in (LINEAR, CUBIC))
 
     def stiffness(self, state: Array) -> Array:
         """Return the stiffness (lanes,) at the amplitude of states: the root of its equation."""
@@ -68,8 +67,9 @@ class GainScheduledLQR(Law):
 
 def best_gain_scheduled_lqr(scene: Scene) -> Feedback:
     """Search a factor of all gains over four decades."""
-    carriage = scene.carriage
-    schedule = Schedule(scene, FACTORS * carriage.stiffness * carriage.linear_coefficient)
+    schedule = Schedule(
+        scene, FACTORS * nominal(scene, "carriage.stiffness") * nominal(scene, LINEAR)
+    )
     return searched(
         scene, lambda exponent: GainScheduledLQR(scene, schedule, 10.0**exponent), DECADES
     )

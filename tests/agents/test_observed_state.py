@@ -11,6 +11,7 @@ from agents.control.observed_state import ObservedDelay, ObservedState, observed
 from agents.controllers.constant import no_control
 from agents.controllers.lqr import LQR
 from agents.controllers.predictive_control import PredictiveControl, Search
+from agents.controllers.registry import laws
 from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, load_scene
 
@@ -21,6 +22,24 @@ LAGGING = HYBRID.replace(
         "actuation.stretch.lag": 0.01,
     }
 )
+
+
+@pytest.mark.parametrize("stated", [0.8, 1.0, 1.2])
+def test_of_what_is_drawn_a_controller_knows_the_middle_whatever_is_stated(stated) -> None:
+    stiffness, mass = 1.2 * CARRIAGE_FORCE.carriage.stiffness, 1.1 * CARRIAGE_FORCE.carriage.mass
+    drawn = {"carriage.stiffness": (0.8 * stiffness, 1.2 * stiffness)}
+    drawn |= {"carriage.mass": (0.8 * mass, 1.2 * mass)}
+    cubic = {"carriage.cubic_coefficient": 1e3, "sensors.noise": {"carriage_displacement": 1e-4}}
+    scene = CARRIAGE_FORCE.replace(randomization=drawn, **cubic)
+    other = scene.replace(
+        **{"carriage.stiffness": stated * stiffness, "carriage.mass": stated * mass}
+    )
+    middle = scene.replace(**{"carriage.stiffness": stiffness, "carriage.mass": mass})
+    for name in ("feedback-linearisation", "gain-scheduled-lqr"):
+        found, expected = (
+            evaluate(one, laws(middle)[name](one), episodes=5).cost for one in (other, middle)
+        )
+        assert found == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("scene", [*TASKS.values(), LAGGING], ids=[*TASKS, "lagging"])
