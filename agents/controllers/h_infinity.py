@@ -172,9 +172,15 @@ def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Mat
     d[len(costs), -1] = weight * limit
     d[-count:] = np.hstack([disturbed * direct[:, 1:], np.diag(noise), limit * direct[:, :1]])
     c = np.vstack([costs, np.zeros((1, size)), seen])
+    # Without those that matter to neither, as a sphere that nothing couples to the carriage: ground
+    # motion moves it relative to the ground.
+    matters = (c != 0.0).any(axis=0)
+    for _ in matters:
+        matters = matters | (system.A[matters] != 0.0).any(axis=0)
+    a, b, c = system.A[np.ix_(matters, matters)], b[matters], c[:, matters]
     largest = np.abs(c).max(axis=0)
     unit = 1.0 / np.where(largest > 0.0, largest, 1.0)  # states of order one, too
-    return Matrices(system.A * unit / unit[:, None], b / unit[:, None], c * unit, d)
+    return Matrices(a * unit / unit[:, None], b / unit[:, None], c * unit, d)
 
 
 class HInfinity(Controller):

@@ -17,7 +17,8 @@ from agents.controllers.h_infinity import (
     design_h_infinity,
 )
 from agents.scoring import evaluate
-from mm_gym import DesignError
+from agents.training.config import CONFIGS
+from mm_gym import DesignError, load_scene
 
 LATE = CARRIAGE_FORCE.replace(**{"sensors.delay": 1, "actuation.force.lag": 0.01})
 SPRUNG = CARRIAGE_FORCE.replace(
@@ -132,6 +133,13 @@ def test_it_stills_the_carriage_from_the_observation():
 def test_ill_posed_designs_are_refused_with_the_reason(scene, message):
     with pytest.raises(DesignError, match=message):
         design_h_infinity(scene)
+
+
+def test_a_sphere_that_nothing_couples_to_the_carriage_is_left_out():
+    pytest.importorskip("slycot")
+    scene = load_scene(CONFIGS / "structures" / "frame.toml")  # on ground that shakes
+    still = evaluate(scene, Feedback(scene, no_control(scene)), episodes=20).cost
+    assert evaluate(scene, HInfinity(scene), episodes=20).cost < 0.2 * still
 
 
 def test_missing_slycot_is_told_with_what_to_install(monkeypatch):
