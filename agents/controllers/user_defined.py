@@ -94,6 +94,8 @@ class Guard:
     def actions(self, actions: object, lanes: int) -> Array:
         """Return actions (lanes, k) that are numbers."""
         wanted = lanes, len(self.columns)
+        if np.iscomplexobj(actions):
+            self.refuse("got complex actions", "real numbers")
         values = self.call(np.asarray, actions, np.float64)
         if values.shape != wanted:
             rows = "a row for each episode and a column for each of: " + ", ".join(self.columns)

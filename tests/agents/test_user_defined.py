@@ -120,6 +120,7 @@ def test_file_that_gives_no_controller_is_refused_with_the_reason(
     ("text", "message"),
     [
         (LAW.replace("2:3", "2"), r"Damper: got actions of shape \(4,\); allowed: \(4, 1\).*force"),
+        (LAW.replace("-5.0 *", "-5.0j *"), "Damper: got complex actions; allowed: real"),
         (LAW.replace("-5.0 *", "np.nan *"), "Damper: got actions that are not finite"),
         (LAW.replace("state[:, 2:3]", "state.velocity"), r"line 10: AttributeError.*'velocity'"),
         (LAW.replace("-5.0 * state[:, 2:3] / self.limit", "'no'"), "could not convert string"),
