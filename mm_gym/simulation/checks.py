@@ -20,8 +20,11 @@ Mask = NDArray[np.bool_]
 
 def checked_seed(seed: int | np.integer) -> int:
     """Return a seed as an integer of Python, or raise `SceneError` if no lane has it."""
-    number = index(seed)
-    if isinstance(seed, bool) or not 0 <= number < SEEDS:
+    try:
+        number = -1 if isinstance(seed, bool) else index(seed)
+    except TypeError:
+        number = -1
+    if not 0 <= number < SEEDS:
         refuse("seed", f"{seed!r}", "an integer from 0 to 2**64 - 1")
     return number
 

@@ -7,7 +7,15 @@ import pickle
 import numpy as np
 import pytest
 
-from mm_gym import ActionError, Scene, SimulationError, compile_scene, metrics, simulate
+from mm_gym import (
+    ActionError,
+    Scene,
+    SceneError,
+    SimulationError,
+    compile_scene,
+    metrics,
+    simulate,
+)
 
 PUSHED = Scene(
     springs={"kind": "small_on_large"},
@@ -160,6 +168,12 @@ def test_seed_decides_what_is_drawn():
     assert len(set(starts.values())) == 5
     assert simulate(scene, times=[0.0], seed=3).state[0, 1] == starts[3]
     assert simulate(scene, times=[0.0]).state[0, 1] == starts[0]
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "1", True])
+def test_seed_that_is_no_integer_is_refused(seed):
+    with pytest.raises(SceneError, match="seed: got .*; allowed: an integer from 0 to"):
+        simulate(Scene(), duration=0.01, seed=seed)
 
 
 def test_csv_keeps_every_digit(tmp_path):
