@@ -146,9 +146,15 @@ def checked_actions(actions: object, shape: tuple[int, ...]) -> Array | Single:
     )
 
 
+def _entry_of(state: object, name: str) -> object:
+    if not isinstance(state, Mapping):
+        refuse("state", f"{type(state).__name__}", "what get_state returned")
+    return cast("Mapping[str, object]", state).get(name)
+
+
 def flag_of(state: Mapping[str, object], name: str) -> bool:
     """Return a flag of what `get_state` returned, or raise `SceneError`."""
-    flag = state.get(name)
+    flag = _entry_of(state, name)
     if type(flag) is not bool:
         refuse(f"state.{name}", f"{flag!r}", "true or false, from get_state")
     return flag
@@ -156,7 +162,7 @@ def flag_of(state: Mapping[str, object], name: str) -> bool:
 
 def flags_of(state: Mapping[str, object], name: str, count: int) -> NDArray[np.bool_]:
     """Return a flag per lane of what `get_state` returned, or raise `SceneError`."""
-    flags = state.get(name)
+    flags = _entry_of(state, name)
     if not is_array(flags) or flags.dtype != np.bool_ or flags.shape != (count,):
         msg = f"state.{name}: allowed: a boolean array of shape ({count},)"
         raise SceneError(msg)

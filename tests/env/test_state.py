@@ -121,6 +121,7 @@ def test_a_copy_of_what_was_never_reset_needs_a_reset(make, scene, copied, asser
 def spoilt(saved):
     """States that belong to something else."""
     values = saved["values"]
+    yield None, "state: got NoneType"
     yield {}, "running|finished"
     yield {name: value for name, value in saved.items() if name != "streams"}, "streams"
     yield saved | {"scene": "0123456789abcdef"}, "scene"
