@@ -172,7 +172,7 @@ def test_seed_decides_what_is_drawn():
 
 @pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "1", True])
 def test_seed_that_is_no_integer_is_refused(seed):
-    with pytest.raises(SceneError, match="seed: got .*; allowed: an integer from 0 to"):
+    with pytest.raises(SceneError, match=r"seed: got .*; allowed: an integer from 0 to"):
         simulate(Scene(), duration=0.01, seed=seed)
 
 
