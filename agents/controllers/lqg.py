@@ -53,7 +53,8 @@ EFFORTS = np.linspace(-1.0, 4.0, 6)  # exponents of what multiplies the weight o
 
 LEAST = 1e-3
 """Least weight of the force that these factors are of, over the mean penalty without control: where
-a scene states none, noise and delay decide how much force is best."""
+a scene states none or hardly any, the force is at its limits throughout, and noise and delay decide
+how much of it is best."""
 
 DISTURBANCES = UNMODELLED, 1e-2, 0.1, 1.0
 """Sizes of what is unmodelled that are tried: with more the stationary filter is quicker, as an

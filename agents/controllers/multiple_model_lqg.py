@@ -23,9 +23,8 @@ class MultipleModelLQG(Controller):
     """The forces of several LQGs, each weighed by the probability of its frequencies.
 
     Every LQG predicts the next frame, and Bayes' rule weighs it by how probable what is measured is
-    then. Athans et al., *The stochastic control of the F-8C aircraft using a multiple model
-    adaptive control (MMAC) method*, IEEE Trans. Autom. Control 22 (1977). Raise `DesignError` as
-    for `design_lqg`.
+    then. Anderson and Moore, *Optimal Filtering* (1979), section 10.1. Raise `DesignError` as for
+    `design_lqg`.
     """
 
     def __init__(self, scene: Scene, factor: float = 1.0) -> None:

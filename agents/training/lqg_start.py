@@ -10,9 +10,7 @@ import numpy as np
 
 from agents.control.actuators import Command
 from agents.control.scene import plant_of
-from agents.controllers.learned import Learned
-from agents.controllers.lqg import DISTURBANCES, design_lqg, state_units
-from agents.scoring import validation_cost
+from agents.controllers.lqg import DISTURBANCES, design_lqg, state_units, weighed
 from agents.training.shown import Shown, reduced
 from agents.training.start import Start, best_constant, best_of, no_control
 from mm_gym import DesignError, Scene
@@ -23,10 +21,6 @@ the regulator does not foresee."""
 
 FINELY = 10.0 ** np.array([-0.75, -0.5, -0.25, 0.25, 0.5, 0.75])
 """Factors of the best of these, that are tried then."""
-
-LEAST = 1e-3
-"""Least weight of the force in these designs, over the mean penalty without control: where a scene
-states none or hardly any, the force is at its limits throughout, and noise and delay decide."""
 
 SETTLED = 0.05, 0.25
 """Parts of an episode in which a filter's early gains fade to 1/e, that are tried."""
@@ -83,16 +77,6 @@ def settling(scene: Scene, start: Start) -> Start:
             fade = np.array([np.exp(-1.0 / (part * scene.control.steps))])
             found.append(replace(last, early=early, fade=fade, law=start.law, design=start.design))
     return best_of(scene, found)
-
-
-def weighed(scene: Scene) -> Scene:
-    """Return the scene with a weight of the force that a regulator can be designed with."""
-    stated = Scene.of(scene.model_dump(mode="json"))  # without a reward of one's own
-    without = Learned(no_control(Shown(stated)).policy())
-    least = LEAST * validation_cost(stated, without) ** 2
-    if scene.objective.effort_weight >= least:
-        return scene
-    return scene.replace(**{"objective.effort_weight": least})
 
 
 def _designer(shown: Shown) -> Callable[[float, float], Start]:

@@ -13,11 +13,12 @@ from agents.controllers.adjustable import Adjustable
 from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clipped_lqr
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import device_of
+from agents.controllers.lqg import weighed
 from agents.controllers.lqr import regulator
 from agents.network.layers import UNIT
 from agents.policies import Policy
 from agents.training.config import LawName, SearchSettings
-from agents.training.lqg_start import lqg_start, weighed
+from agents.training.lqg_start import lqg_start
 from agents.training.shown import Estimate, Shown, force_memory
 from agents.training.start import COARSE, FINE, FLOOR, Start, best_constant, best_of, no_control
 from mm_gym import CompileError, DesignError, Scene, compile_scene
