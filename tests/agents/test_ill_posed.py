@@ -43,10 +43,6 @@ CUBIC = PRE_STRETCH.replace(
     **{"carriage.linear_coefficient": 0.0, "carriage.cubic_coefficient": 1e4}
 )
 LONG = CARRIAGE_FORCE.replace(**{"control.steps": 10**9})
-UNDAMPED = CARRIAGE_FORCE.replace(
-    excitation=[{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}]
-)
-
 REGULATORS = (LQR, LQG, FiniteHorizonLQR, LinearMPC, HInfinity, FeedforwardLQR)
 STRETCHING = (
     lambda scene: ClippedLQR(scene, 2.0, 1.0),
@@ -72,7 +68,6 @@ CASES = [
     (LQG, DRIFTING, (), "no stabilising solution"),
     (LQG, CARRIAGE_FORCE_FRICTION, (), "no stabilising solution"),
     (LQG, BLIND_TO_STROKE, (), "not detectable"),
-    (LQG, UNDAMPED, (), "no stabilising solution"),
     (HInfinity, OFFSET, (), r"sensors\.channels: .* of the carriage"),
     (ObservedState, UNSEEN, (), r"sensors\.channels: the state cannot be estimated"),
     (ObservedState, BLIND, (), r"sensors\.channels: the state cannot be estimated"),
