@@ -10,10 +10,10 @@ from agents.control.actuators import Command, Lead, require_stable_rest
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.scene import plant_of, require_number
-from agents.controllers.lqr import LQR, state_weight
+from agents.controllers.lqr import LQR, solvable, state_weight
 from agents.controllers.registry import Entry, Free, Tunable, regulator_entry
 from agents.controllers.searched import searched_pair
-from mm_gym import DesignError, Scene
+from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 from mm_gym.arrays import Array
 
@@ -77,11 +77,8 @@ def gain_of(a: Array, b: Array, state: Array, force: float) -> Array:
 
     Raise `DesignError` if there is none.
     """
-    try:
+    with solvable("the Riccati equation"):
         gain, _, _ = control.lqr(a, b, state, [[force]], method="scipy")
-    except (np.linalg.LinAlgError, control.ControlArgument) as error:
-        msg = f"the Riccati equation has no stabilising solution: {error}"
-        raise DesignError(msg) from error
     return np.asarray(gain)[0]
 
 

@@ -19,6 +19,7 @@ from agents.controllers.lqr import (
     hidden_mode,
     motion_weight,
     reaction_weights,
+    solvable,
     state_weight,
 )
 from agents.controllers.registry import (
@@ -165,13 +166,10 @@ def regulator(
     scaled = Quadratic(
         stage.state * np.outer(x, x), stage.cross * x[:, None] * limit, stage.force * limit**2
     )
-    try:
+    with solvable("the regulator's Riccati equation"):
         found, riccati, poles = control.dlqr(
             a * x / x[:, None], b * limit / x[:, None], *scaled.weights, method="scipy"
         )
-    except (np.linalg.LinAlgError, control.ControlArgument) as error:
-        msg = f"the regulator's Riccati equation has no stabilising solution: {error}"
-        raise DesignError(msg) from error
     if not np.abs(poles).max() < 1.0 - ROUND_OFF:
         msg = (
             "the regulator has no stabilising solution: the force does not reach a motion that "
@@ -327,11 +325,8 @@ def _filter(
     a, c = (system.A * x / x[:, None])[rows], (system.C * x / y[:, None])[:, kept]
     noise, covariance = (covariances[k][rows] / outer[rows] for k in (0, 2))
     require_detectable(a, c)
-    try:
+    with solvable("the filter's Riccati equation"):
         _, stationary, poles = control.dlqe(a, np.eye(len(a)), c, noise, sensors, method="scipy")
-    except (np.linalg.LinAlgError, control.ControlArgument, ValueError) as error:
-        msg = f"the filter's Riccati equation has no stabilising solution: {error}"
-        raise DesignError(msg) from error
     if not np.abs(poles).max() < 1.0:
         msg = "the filter has no stabilising solution: no noise moves a mode that does not decay"
         raise DesignError(msg)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -60,6 +60,16 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
     return solved(problem_of(scene, stretch))
 
 
+@contextmanager
+def solvable(equation: str) -> Generator[None]:
+    """Turn what a solver raises into a `DesignError` that names the equation."""
+    try:
+        yield
+    except (np.linalg.LinAlgError, control.ControlArgument, ValueError) as error:
+        msg = f"{equation} has no stabilising solution: {error}"
+        raise DesignError(msg) from error
+
+
 def solved(problem: Problem) -> Design:
     """Solve the discrete Riccati equation of a problem; raise `DesignError` as `design` does."""
     states, a, b, cost = problem
@@ -71,11 +81,8 @@ def solved(problem: Problem) -> Design:
         )
         raise DesignError(msg)
     stage = cost.ahead(a, b) if cost.cross.any() else cost
-    try:
+    with solvable("the Riccati equation"):
         gain, riccati, _ = control.dlqr(a, b, *stage.weights, method="scipy")
-    except (np.linalg.LinAlgError, control.ControlArgument) as error:
-        msg = f"the Riccati equation has no stabilising solution: {error}"
-        raise DesignError(msg) from error
     gain, riccati = np.asarray(gain), np.asarray(riccati)
     _check(gain, riccati, a, b, stage)
     if stage is not cost:

@@ -16,6 +16,7 @@ from agents.controllers.lqg import (
     weighed,
     without_force,
 )
+from agents.controllers.lqr import solvable
 from agents.controllers.registry import Entry
 from agents.controllers.searched import cheapest
 from agents.scoring import validation_cost
@@ -97,11 +98,8 @@ def _gain(scene: Scene, system: LinearSystem, rate: float, limit: float) -> tupl
         effort + rate * limit**2,
         cross + effort * applied.T,
     )
-    try:
+    with solvable("the regulator's Riccati equation"):
         gain, _, _ = control.dlqr(a + b @ applied, b, *weights, method="scipy")
-    except (np.linalg.LinAlgError, control.ControlArgument) as error:
-        msg = f"the regulator's Riccati equation has no stabilising solution: {error}"
-        raise DesignError(msg) from error
     found, whole = np.asarray(gain)[0], np.zeros(len(system.states))
     whole[list(regulated)] = found[: len(regulated)] * limit / x
     return whole, 0.0 if len(found) == len(regulated) else float(found[-1])
