@@ -13,7 +13,7 @@ from agents.control.controller import Acted, Controller, Info, Memory, Observati
 from agents.control.observed_state import Frame
 from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.lqg import require_detectable
-from agents.controllers.lqr import hidden_mode, state_weight
+from agents.controllers.lqr import hidden_mode, state_weight, told_by
 from agents.controllers.registry import regulator_entry
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
@@ -174,9 +174,7 @@ def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Mat
     c = np.vstack([costs, np.zeros((1, size)), seen])
     # Without those that matter to neither, as a sphere that nothing couples to the carriage: ground
     # motion moves it relative to the ground.
-    matters = (c != 0.0).any(axis=0)
-    for _ in matters:
-        matters = matters | (system.A[matters] != 0.0).any(axis=0)
+    matters = told_by(system.A, (c != 0.0).any(axis=0))
     a, b, c = system.A[np.ix_(matters, matters)], b[matters], c[:, matters]
     largest = np.abs(c).max(axis=0)
     unit = 1.0 / np.where(largest > 0.0, largest, 1.0)  # states of order one, too

@@ -21,6 +21,7 @@ from agents.controllers.lqr import (
     reaction_weights,
     solvable,
     state_weight,
+    told_by,
 )
 from agents.controllers.registry import (
     Entry,
@@ -317,10 +318,7 @@ def _filter(
     """
     x, y = units
     outer, sensors = np.outer(x, x), covariances[1] / np.outer(y, y)
-    needed = regulated | (system.C != 0.0).any(axis=0)
-    for _ in needed:
-        needed = needed | (system.A[needed] != 0.0).any(axis=0)
-    kept = np.flatnonzero(needed)
+    kept = np.flatnonzero(told_by(system.A, regulated | (system.C != 0.0).any(axis=0)))
     rows = np.ix_(kept, kept)
     a, c = (system.A * x / x[:, None])[rows], (system.C * x / y[:, None])[:, kept]
     noise, covariance = (covariances[k][rows] / outer[rows] for k in (0, 2))
@@ -380,13 +378,18 @@ class LQG(Controller):
         return {"step": np.zeros(env.num_envs, np.int64), "estimate": estimate}
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
-        design, step, estimate = self.design, memory["step"], memory["estimate"]
-        gain = design.filters[np.minimum(step, len(design.filters) - 1)]
-        missed = self.missed(memory, observation)
-        estimate = estimate + np.einsum("lnp,lp->ln", gain, missed)
-        force = self.further_force(estimate) - estimate @ design.gain
+        memory = self.corrected(memory, observation)
+        estimate = memory["estimate"]
+        force = self.further_force(estimate) - estimate @ self.design.gain
         force = np.clip(force, -self.limit, self.limit)
-        return force[:, None] / self.limit, {"step": step + 1, "estimate": estimate}
+        return force[:, None] / self.limit, memory
+
+    def corrected(self, memory: Memory, observation: Observation) -> Memory:
+        """Return the memory with the estimate corrected by what is observed."""
+        step, filters = memory["step"], self.design.filters
+        gain = filters[np.minimum(step, len(filters) - 1)]
+        change = np.einsum("lnp,lp->ln", gain, self.missed(memory, observation))
+        return {**memory, "step": step + 1, "estimate": memory["estimate"] + change}
 
     def missed(self, memory: Memory, observation: Observation) -> Array:
         """Return what the prediction of the outputs is off by (lanes, p)."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import control
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Law, Memory
@@ -219,6 +220,13 @@ def _require_weight(weight: Array) -> None:
             "greater than 0, for a motion to keep small"
         )
         raise DesignError(msg)
+
+
+def told_by(a: Array, outputs: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which states (n,) some outputs depend on, of those (n,) that are in them at once."""
+    for _ in outputs:
+        outputs = outputs | (a[outputs] != 0.0).any(axis=0)
+    return outputs
 
 
 def hidden_mode(a: Array, c: Array) -> complex | None:

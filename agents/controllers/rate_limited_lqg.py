@@ -45,7 +45,7 @@ class RateLimitedLQG(LQG):
     """
 
     def __init__(self, scene: Scene, effort: float, rate: float, unmodelled: float) -> None:
-        of_force, limit = scene.objective.effort_weight, Command(scene, "force").high
+        of_force = scene.objective.effort_weight
         position = scene.replace(
             **{
                 "actuation.force.command": "position",
@@ -58,17 +58,17 @@ class RateLimitedLQG(LQG):
         self.actuators, self.command = Actuators(scene), Command(scene, "force")
         self.share = float(self.actuators.lag_factor[0])
         of_rate = rate * of_force * (self.share / self.command.travel) ** 2
-        self.of_state, self.of_force = _gain(position, self.design.system, of_rate, limit)
+        self.of_state, self.of_force = _gain(position, self.design.system, of_rate, self.limit)
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
         still = np.zeros((env.num_envs, 1))
         return {**super().begin(env), "applied": still, "asked": still}
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
-        _, after = super().propose(memory, observation, info)
+        memory = self.corrected(memory, observation)
         applied, asked = (memory[name][:, 0] for name in ("applied", "asked"))
-        force = (1.0 - self.of_force) * applied - after["estimate"] @ self.of_state
-        return self.command(force, asked), {**memory, **after}
+        force = (1.0 - self.of_force) * applied - memory["estimate"] @ self.of_state
+        return self.command(force, asked), memory
 
     def note(self, memory: Memory, action: Array) -> Memory:
         before, system = memory["applied"], self.design.system

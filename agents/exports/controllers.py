@@ -68,7 +68,7 @@ def controller_policy(name: str, scene: Scene) -> Policy:
     an LQG's estimate does not begin at 0.
     """
     controller = base_controller(scene, name)
-    if isinstance(controller, LQG) and type(controller) in (LQG, DetunedLQG):
+    if type(controller) in (LQG, DetunedLQG):
         return _stationary(controller, scene)
     gains = linear_base(controller, scene)
     if gains is None:

@@ -12,6 +12,7 @@ from scipy.linalg import solve_discrete_lyapunov
 from agents.control.observed_state import ROWS, Frame
 from agents.control.scene import ENDLESS, plant_of
 from agents.controllers.lqg import DISTURBANCES, design_filter, state_units
+from agents.controllers.lqr import told_by
 from agents.training.config import FUTURE
 from mm_gym import CompileError, DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
@@ -150,9 +151,7 @@ def reduced(keep: Array, enter: Array, told: Array) -> tuple[Array, Array, Array
     """
     if len(keep) <= MOST_STATES:
         return keep, enter, told
-    matters = told.any(axis=0)
-    for _ in keep:
-        matters = matters | keep[matters].any(axis=0)
+    matters = told_by(keep, told.any(axis=0))
     keep, enter, told = keep[np.ix_(matters, matters)], enter[matters], told[:, matters]
     excited = solve_discrete_lyapunov(keep, enter @ enter.T)
     seen = solve_discrete_lyapunov(keep.T, told.T @ told)
