@@ -1,17 +1,15 @@
 """The state from the observation: read off where that is exact, else estimated."""
 
-from collections.abc import Iterable
-
 import control
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.actuators import Actuators
 from agents.control.controller import Info, Memory, Observation, Read, StateSource, chosen
 from agents.control.model import Model, covariance, state_scales
-from agents.control.scene import beginning, plant_of
+from agents.control.observed_actuators import ObservedActuators
+from agents.control.scene import plant_of
 from mm_gym import DesignError, Scene
-from mm_gym.arrays import Array, Single
+from mm_gym.arrays import Array
 
 FLOOR = 1e-4
 """Least noise of a channel over its scale [-], so that the equations stay well conditioned."""
@@ -19,50 +17,6 @@ FLOOR = 1e-4
 STRETCHES = 9  # number of stretches at which the estimator's gain is computed; the nearest is used
 
 DELAY, MISLEADING = "sensors.delay", ("sensors.dropout", "sensors.bias.")
-
-ACTUATED = {"applied_force": "force"}
-"""Channels that show an actuator, and have another name."""
-
-
-class ObservedActuators(StateSource):
-    """What the actuators have, from the first frame and the actions since; the state reads zero.
-
-    It is all that a law needs which does not read the state, whatever the sensors show.
-    """
-
-    def __init__(self, scene: Scene) -> None:
-        self.frame, self.actuators = Frame(scene), Actuators(scene)
-        begun = [beginning(scene, name) for name in scene.actuation.names]
-        self.begun = np.clip(begun, self.actuators.low, self.actuators.high)
-        self.tuned = {  # column of an action -> that of the channel which shows what it tunes
-            k: self.frame.names.index(name)
-            for k, name in enumerate(scene.actuation.names)
-            if name in self.frame.names
-        }
-
-    def begin(self, lanes: int) -> Memory:
-        begun = np.tile(self.begun, (lanes, 1))
-        return {"step": np.zeros(lanes, np.int64), "applied": begun, "asked": begun}
-
-    def read(self, memory: Memory, observation: Observation, info: Info) -> Read:
-        memory = self._seen(memory, self.frame.values(observation))
-        return np.zeros((len(observation), 4)), memory["applied"], memory
-
-    def note(self, memory: Memory, action: Array) -> Memory:
-        applied, asked = self.actuators.reached(action, memory["applied"], memory["asked"])
-        return {**memory, "applied": applied, "asked": asked}
-
-    def _seen(self, memory: Memory, frame: Array) -> Memory:
-        """Count a frame; the first shows the stretch or the damping with which episodes begin."""
-        first, applied, asked = memory["step"] == 0, memory["applied"], memory["asked"]
-        if first.any():
-            begun = np.tile(self.begun, (len(frame), 1))
-            for k, channel in self.tuned.items():
-                begun[:, k] = np.clip(
-                    frame[:, channel], self.actuators.low[k], self.actuators.high[k]
-                )
-            applied, asked = chosen(first, begun, applied), chosen(first, begun, asked)
-        return {**memory, "step": memory["step"] + 1, "applied": applied, "asked": asked}
 
 
 class ObservedState(ObservedActuators):
@@ -88,9 +42,7 @@ class ObservedState(ObservedActuators):
         self.scene = scene
         self.is_weighed, delay = delays is not None, plant_of(scene).delay
         self.delays = range(delay, delay + 1) if delays is None else delays
-        self.shown = [k for k, name in enumerate(self.frame.names) if name in ROWS]
-        self.c = np.array([ROWS[self.frame.names[k]] for k in self.shown]).reshape(-1, 4)
-        self.unit, noise = self.frame.unit[self.shown], self.frame.noise[self.shown]
+        noise = self.frame.noise[self.shown]
         self.noise = np.maximum(noise, FLOOR * self.unit)
         whole = bool(self.shown) and np.linalg.matrix_rank(self.c) == 4  # noqa: PLR2004
         # Sensors may be biased, or show a frame again.
@@ -137,10 +89,6 @@ class ObservedState(ObservedActuators):
         memory = super().note(memory, action)
         pending = np.concatenate([memory["pending"][:, 1:], memory["applied"][:, None]], axis=1)
         return {**memory, "pending": pending}
-
-    def observed(self, state: Array) -> tuple[list[int], Array]:
-        """Return the channels that show the motion, and what they show of states (lanes, 4)."""
-        return self.shown, state @ self.c.T / self.unit
 
     def _delay(self, memory: Memory) -> NDArray[np.int64]:
         return memory.get("delay", np.full(len(memory["step"]), self.delays[0]))
@@ -312,51 +260,3 @@ def missed_covariance(scene: Scene) -> Array:
     for _ in range(source.delays[-1]):
         spread = turn @ spread @ turn.T + disturbance
     return spread + turn @ spread @ turn.T
-
-
-ROWS = {
-    "carriage_displacement": (1.0, 0.0, 0.0, 0.0),
-    "sphere_displacement": (0.0, 1.0, 0.0, 0.0),
-    "sphere_offset": (-1.0, 1.0, 0.0, 0.0),
-    "carriage_velocity": (0.0, 0.0, 1.0, 0.0),
-    "sphere_velocity": (0.0, 0.0, 0.0, 1.0),
-    "slip_velocity": (0.0, 0.0, -1.0, 1.0),
-}
-"""The channels that show the state: rows of C in y = C x. The others are not used."""
-
-
-class Frame:
-    """The newest frame of an observation.
-
-    Parameters
-    ----------
-    names
-        Of the channels, by default all; they stay in the order of the observation.
-
-    Attributes
-    ----------
-    names
-        Of the channels.
-    zero, unit, noise
-        (channels,) a channel's value is `zero` plus `unit` times the observed number, in SI units,
-        and its noise has this standard deviation, in SI units, too.
-    """
-
-    def __init__(self, scene: Scene, names: Iterable[str] | None = None) -> None:
-        plant = plant_of(scene)
-        wanted = plant.channels if names is None else set(names)
-        kept = [k for k, name in enumerate(plant.channels) if name in wanted]
-        channels = [plant.observed[k] for k in kept]
-        self.names = tuple(plant.channels[k] for k in kept)
-        self.columns = np.array(kept, np.intp) - len(plant.channels)
-        self.zero = np.array([channel.zero for channel in channels])
-        self.unit = np.array([1.0 / channel.factor for channel in channels])
-        self.noise = np.array([channel.noise for channel in channels])
-
-    def numbers(self, observation: Single) -> Array:
-        """Return the channels (lanes, channels) as they are observed, over their scales."""
-        return observation[:, self.columns].astype(np.float64)
-
-    def values(self, observation: Single) -> Array:
-        """Return the channels (lanes, channels) in SI units."""
-        return self.numbers(observation) * self.unit + self.zero

@@ -9,8 +9,9 @@ import numpy as np
 from agents.control.actuators import Command, Lead, require_stable_rest
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
+from agents.control.kalman_filter import solvable
 from agents.control.scene import plant_of, require_number
-from agents.controllers.lqr import LQR, solvable, state_weight
+from agents.controllers.lqr import LQR, state_weight
 from agents.controllers.registry import Entry, Free, Tunable, regulator_entry
 from agents.controllers.searched import searched_pair
 from mm_gym import Scene

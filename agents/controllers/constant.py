@@ -5,7 +5,7 @@ import numpy as np
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Controller, Info, Law, Memory, Observation
 from agents.control.feedback import Both, Feedback
-from agents.control.observed_state import ObservedActuators
+from agents.control.observed_actuators import ObservedActuators
 from agents.control.scene import require_number
 from agents.controllers.registry import Entry
 from agents.controllers.searched import grid, searched

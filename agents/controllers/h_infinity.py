@@ -10,10 +10,10 @@ from gymnasium.error import DependencyNotInstalled
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
-from agents.control.observed_state import Frame
+from agents.control.kalman_filter import hidden_mode, require_detectable, told_by
+from agents.control.observed_actuators import Frame
 from agents.control.scene import STATES, force_weight, plant_of
-from agents.controllers.lqg import require_detectable
-from agents.controllers.lqr import hidden_mode, state_weight, told_by
+from agents.controllers.lqr import state_weight
 from agents.controllers.registry import regulator_entry
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array

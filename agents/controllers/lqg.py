@@ -1,27 +1,29 @@
 """The linear-quadratic-Gaussian regulator (LQG): an LQR on a Kalman filter's estimate."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import control
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_lyapunov
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
-from agents.control.model import state_scales
-from agents.control.observed_state import Frame
+from agents.control.kalman_filter import (
+    UNMODELLED,
+    KalmanFilter,
+    design_filter,
+    excited_system,
+    solvable,
+    state_units,
+)
+from agents.control.observed_actuators import Frame
 from agents.control.scene import STATES, drawn_but, force_weight, plant_of, require_number
 from agents.controllers.constant import uncontrolled
 from agents.controllers.lqr import (
     Quadratic,
-    hidden_mode,
     motion_weight,
     reaction_weights,
-    solvable,
     state_weight,
-    told_by,
 )
 from agents.controllers.registry import (
     Entry,
@@ -36,20 +38,9 @@ from agents.scoring import validation_cost
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
 from mm_gym.arrays import Array
 
-UNMODELLED = 1e-3
-"""Of what else disturbs the motion in a step over the objective's scales [-], by default."""
-
-FLOOR = 1e-4
-"""Standard deviation that is added to every scaled observation: an equation for sensors without
-noise has no digits left."""
-
-SETTLED = 1e-10
-"""Relative change of the filter's gain in a step below which it is the stationary one."""
-
 ROUND_OFF = 1e-12
 """Of a pole: a mode without decay that the force does not reach has one this near to 1."""
 
-MOST_NUMBERS = 500_000  # numbers of gains that are kept for an episode's start
 
 EFFORTS = np.linspace(-1.0, 4.0, 6)  # exponents of what multiplies the weight of the force
 
@@ -62,23 +53,15 @@ DISTURBANCES = UNMODELLED, 1e-2, 0.1, 1.0
 """Sizes of what is unmodelled that are tried: with more the stationary filter is quicker, as an
 episode's first steps need it, and shows more noise."""
 
-OF_ACTUATORS = "stretch", "damping", "voltage", "applied_force"
-"""Channels that show an actuator, and not the motion."""
 
 REACTIONS = ("carriage_acceleration", "sphere_acceleration")  # what `reaction_weights` weighs
 
 
 @dataclass(frozen=True, eq=False)
-class LQGDesign:
-    """A regulator u = -gain x and a filter x += filters[n] (y - C x), both of `system`."""
+class LQGDesign(KalmanFilter):
+    """A regulator u = -gain x of a filter's estimate."""
 
-    # The sampled plant with lag, delay and the noise's filters among its states.
-    system: LinearSystem
     gain: Array  # (n,) [N per unit]; zero for all other states
-    filters: Array  # (steps, n, p): the gain in each step, of which the last is the stationary one
-    start: Array  # (n,): mean of the state when an episode begins
-    error: Array  # (n, n): stationary covariance of the estimate's error
-    innovation: Array  # (p, p): stationary covariance of y - C x, before x is corrected
     cost: float  # expected mean of -reward per step [-], in the long run and without limits
 
 
@@ -90,8 +73,8 @@ def design_lqg(
 ) -> LQGDesign:
     """Solve both Riccati equations for a scene's reward, sensors and random excitation.
 
-    The phase of a harmonic wanders within an episode, and faster where its frequency is drawn: no
-    force stills a harmonic for ever, so neither equation has a solution without.
+    The phase of a harmonic wanders: no force stills a harmonic for ever, so neither equation has a
+    solution without.
 
     Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing, the
     sensors do not show a mode that does not decay, or an equation has no stabilising solution.
@@ -101,56 +84,20 @@ def design_lqg(
     stretch
         That of tuned springs, which is held.
     unmodelled
-        Standard deviation of what else disturbs each displacement and velocity in a step, over the
-        objective's scales: it keeps the filter awake.
+        As of `design_filter`.
     """
     force_weight(scene)
     require_number("unmodelled", unmodelled)
     plant = plant_of(scene)
-    channels = tuple(channel for channel in plant.channels if channel != "stretch")
     at = None if stretch is None else {"initial.stretch": stretch}
-    system = plant.state_space(["force"], channels, sampled=True, at=at)
-    system = _with_wandering_phases(scene, system)
+    system = excited_system(scene, ["force"], at)
     regulated, gain, riccati, curvature = regulator(plant, scene, at, system)
-    noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
-    shown = [channel for channel in plant.observed if channel.name in channels]
-    floor = [(FLOOR / channel.factor) ** 2 for channel in shown]
-    sensors = system.sensor_noise + np.diag(floor)
-    units = state_units(scene, plant, system), np.array([1.0 / channel.factor for channel in shown])
-    start, spread = _initial(scene, system)
-    covariances, steps = (noise, sensors, spread), scene.control.steps
-    filters, error, innovation = _filter(system, gain != 0.0, covariances, units=units, steps=steps)
+    own = design_filter(scene, system, unmodelled, gain != 0.0, scene.control.steps)
     rows = np.ix_(regulated, regulated)
-    own = gain[list(regulated)]
+    fed_back = gain[list(regulated)]
     cost = float(np.sum(riccati * system.process_noise[rows]))
-    cost += float(curvature * own @ error[rows] @ own)
-    return LQGDesign(system, gain, filters, start, error, innovation, cost)
-
-
-def design_filter(
-    scene: Scene, at: dict[str, float] | None, unmodelled: float
-) -> tuple[LinearSystem, Array]:
-    """Return the plant that nothing actuates, and the stationary gain (n, p) of its Kalman filter.
-
-    Fields can be changed, by dotted name, as a stretch; phases of harmonics wander. Raise
-    `DesignError` if the sensors do not show a mode that does not decay, or nothing of the motion.
-    """
-    plant = plant_of(scene)
-    channels = tuple(name for name in plant.channels if name not in OF_ACTUATORS)
-    if not channels:
-        msg = f"sensors.channels: {', '.join(plant.channels)} show nothing of the motion"
-        raise DesignError(msg)
-    system = plant.state_space([], channels, sampled=True, at=at)
-    system = _with_wandering_phases(scene, system)
-    noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
-    sizes = Frame(scene, channels).unit
-    sensors = system.sensor_noise + np.diag((FLOOR * sizes) ** 2)
-    units = state_units(scene, plant, system), sizes
-    needed = np.array([signal.name in STATES for signal in system.states])
-    if scene.interface.kind == "none" and scene.springs.kind == "none":
-        needed[[1, 3]] = False
-    covariances = noise, sensors, np.zeros_like(system.A)
-    return system, _filter(system, needed, covariances, units=units, steps=1)[0][-1]
+    cost += float(curvature * fed_back @ own.error[rows] @ fed_back)
+    return LQGDesign(**vars(own), gain=gain, cost=cost)
 
 
 def regulator(
@@ -229,134 +176,6 @@ def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Arra
     if not weight[:-1, :-1].any():
         state_weight(scene)  # tells which weights there are
     return weight
-
-
-def _with_wandering_phases(scene: Scene, system: LinearSystem) -> LinearSystem:
-    """Return a system whose harmonics are noise of their amplitude in a narrow band."""
-    a, noise, control = system.A.copy(), system.process_noise.copy(), scene.control
-    for k, signal in enumerate(system.states):
-        if signal.name.endswith((".cosine", ".sine")):
-            name = f"{signal.name.rpartition('.')[0]}.frequency"
-            low, high = scene.randomization.get(name, (0.0, 0.0))
-            kept = np.exp(-0.5 * (high - low) * control.time_step - 1.0 / control.steps)
-            a[k] *= kept
-            noise[k, k] += 0.5 * (1.0 - kept**2)
-    return replace(system, A=a, process_noise=noise)
-
-
-def _unmodelled(scene: Scene, part: float, size: int) -> Array:
-    return np.pad((part * state_scales(scene)) ** 2, (0, size - len(STATES)))
-
-
-def _initial(scene: Scene, system: LinearSystem) -> tuple[Array, Array]:
-    """Return the mean and the covariance of the state when an episode begins."""
-    ranges = scene.initial
-    values = (
-        ranges.carriage_displacement,
-        ranges.sphere_offset,
-        ranges.carriage_velocity,
-        ranges.sphere_velocity,
-    )
-    spreads = [
-        (value[1] - value[0]) ** 2 / 12.0 if isinstance(value, tuple) else 0.0 for value in values
-    ]
-    names = [signal.name for signal in system.states]
-    mean = np.zeros(len(names))
-    mean[:4] = [np.mean(value) for value in values]
-    mean[1] += mean[0]  # x2 is x1 and the offset
-    covariance = np.zeros_like(system.A)
-    covariance[:4, :4] = np.diag(spreads)
-    covariance[1, :2] = spreads[0], spreads[0] + spreads[1]
-    covariance[0, 1] = spreads[0]
-    for k in [k for k, name in enumerate(names) if name.endswith((".cosine", ".sine"))]:
-        covariance[k, k] = 0.5
-    noisy = [k for k, name in enumerate(names) if ".filter" in name]
-    if noisy:
-        rows = np.ix_(noisy, noisy)
-        covariance[rows] = solve_discrete_lyapunov(system.A[rows], system.process_noise[rows])
-    # Before the first frame stand copies of it: the late channels are those of the first state.
-    late = [k for k, name in enumerate(names) if name.endswith("]")]
-    first = [k for k in late if names[k].endswith("[-1]")]
-    copies = np.eye(len(names))
-    for k in late:
-        channel = names[k].partition("[")[0]
-        own = next(row for row in first if names[row].partition("[")[0] == channel)
-        copies[k] = 0.0
-        copies[k, : late[0]] = system.A[own, : late[0]]
-    return copies @ mean, copies @ covariance @ copies.T
-
-
-def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Array:
-    """Return the size of each state: without it the equations lose their digits."""
-    objective, actuator = scene.objective, scene.actuation.force
-    sizes = {"x": objective.displacement_scale, "v": objective.velocity_scale}
-    units = {channel.name: 1.0 / channel.factor for channel in plant.observed}
-    if actuator is not None:
-        units["force"] = actuator.limit
-    return np.array(
-        [
-            sizes[signal.name[0]]
-            if signal.name in STATES
-            else units.get(signal.name.partition("[")[0], 1.0)
-            for signal in system.states
-        ]
-    )
-
-
-def _filter(
-    system: LinearSystem,
-    regulated: NDArray[np.bool_],
-    covariances: tuple[Array, Array, Array],
-    *,
-    units: tuple[Array, Array],
-    steps: int,
-) -> tuple[Array, Array, Array]:
-    """Return the filter's gains in an episode's first steps; its stationary error and innovation.
-
-    States that neither an output nor a motion in the cost depends on, as those of a sphere without
-    interface and springs, are not estimated.
-    """
-    x, y = units
-    outer, sensors = np.outer(x, x), covariances[1] / np.outer(y, y)
-    kept = np.flatnonzero(told_by(system.A, regulated | (system.C != 0.0).any(axis=0)))
-    rows = np.ix_(kept, kept)
-    a, c = (system.A * x / x[:, None])[rows], (system.C * x / y[:, None])[:, kept]
-    noise, covariance = (covariances[k][rows] / outer[rows] for k in (0, 2))
-    require_detectable(a, c)
-    with solvable("the filter's Riccati equation"):
-        _, stationary, poles = control.dlqe(a, np.eye(len(a)), c, noise, sensors, method="scipy")
-    if not np.abs(poles).max() < 1.0:
-        msg = "the filter has no stabilising solution: no noise moves a mode that does not decay"
-        raise DesignError(msg)
-
-    def updated(before: Array) -> tuple[Array, Array]:
-        gain = np.linalg.solve(c @ before @ c.T + sensors, c @ before).T
-        left = np.eye(len(a)) - gain @ c
-        return gain, left @ before @ left.T + gain @ sensors @ gain.T  # Joseph's form
-
-    last, error = updated(np.asarray(stationary))
-    gains: list[Array] = []
-    for _ in range(min(steps, MOST_NUMBERS // last.size)):
-        gain, after = updated(covariance)
-        gains.append(gain)
-        covariance = a @ after @ a.T + noise
-        if np.abs(gain - last).max() <= SETTLED * np.abs(last).max():
-            break
-    filters, spread = np.zeros((len(gains) + 1, len(x), len(y))), np.zeros_like(outer)
-    filters[:, kept], spread[rows] = [*gains, last], error
-    innovation = c @ stationary @ c.T + sensors
-    return filters * x[:, None] / y, spread * outer, innovation * np.outer(y, y)
-
-
-def require_detectable(a: Array, c: Array) -> None:
-    """Raise `DesignError` if the outputs do not show a mode that does not decay."""
-    eigenvalue = hidden_mode(a, c)
-    if eigenvalue is not None:
-        msg = (
-            f"sensors.channels: they do not show the mode {eigenvalue:.6g}, which does not "
-            "decay: the state is not detectable; observe another channel"
-        )
-        raise DesignError(msg)
 
 
 class LQG(Controller):

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import control
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
+from agents.control.kalman_filter import hidden_mode, solvable
 from agents.control.scene import STATES, force_weight, nominal, plant_of
 from agents.controllers.constant import Held
 from agents.controllers.registry import Entry, regulator_entry, without_weight
 from agents.controllers.searched import grid, searched
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
-
-HIDDEN = 1e-9
-"""Singular value of a mode's pencil below which sensors do not show it, or the force reach it.
-
-It is well above the round-off of entries of order one, and far below a usable input.
-"""
 
 FED_BACK = (*STATES, "force")  # the last is what is applied [N], a state where it has a lag
 
@@ -59,16 +53,6 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
     definiteness, closed-loop eigenvalues.
     """
     return solved(problem_of(scene, stretch))
-
-
-@contextmanager
-def solvable(equation: str) -> Generator[None]:
-    """Turn what a solver raises into a `DesignError` that names the equation."""
-    try:
-        yield
-    except (np.linalg.LinAlgError, control.ControlArgument, ValueError) as error:
-        msg = f"{equation} has no stabilising solution: {error}"
-        raise DesignError(msg) from error
 
 
 def solved(problem: Problem) -> Design:
@@ -220,27 +204,6 @@ def _require_weight(weight: Array) -> None:
             "greater than 0, for a motion to keep small"
         )
         raise DesignError(msg)
-
-
-def told_by(a: Array, outputs: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which states (n,) some outputs depend on, of those (n,) that are in them at once."""
-    for _ in outputs:
-        outputs = outputs | (a[outputs] != 0.0).any(axis=0)
-    return outputs
-
-
-def hidden_mode(a: Array, c: Array) -> complex | None:
-    """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay.
-
-    Return the first that C does not show; with A' and B' the first that B does not reach.
-    """
-    rows = c / np.maximum(np.linalg.norm(c, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    for eigenvalue in np.linalg.eigvals(a):
-        if abs(eigenvalue) >= 1.0 - 1e-9:
-            pencil = np.vstack([a - eigenvalue * np.eye(len(a)), rows])
-            if np.linalg.svd(pencil, compute_uv=False)[-1] < HIDDEN:
-                return complex(eigenvalue)
-    return None
 
 
 def _check(gain: Array, p: Array, a: Array, b: Array, stage: Quadratic) -> None:

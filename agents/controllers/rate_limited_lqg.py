@@ -7,16 +7,15 @@ import numpy as np
 
 from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Info, Memory, Observation
+from agents.control.kalman_filter import solvable, state_units
 from agents.control.scene import plant_of
 from agents.controllers.lqg import (
     DISTURBANCES,
     LQG,
     regulated_part,
-    state_units,
     weighed,
     without_force,
 )
-from agents.controllers.lqr import solvable
 from agents.controllers.registry import Entry
 from agents.controllers.searched import cheapest
 from agents.scoring import validation_cost

@@ -3,7 +3,8 @@
 import numpy as np
 
 from agents.control.controller import Acted, Controller, Info, Memory, Observation, joined, part
-from agents.control.observed_state import ACTUATED, observed_state
+from agents.control.observed_actuators import ACTUATED
+from agents.control.observed_state import observed_state
 from agents.control.scene import plant_of
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array, Single

@@ -3,7 +3,8 @@
 import numpy as np
 
 from agents.control.controller import Controller
-from agents.controllers.lqg import LQG, DetunedLQG, state_units
+from agents.control.kalman_filter import state_units
+from agents.controllers.lqg import LQG, DetunedLQG
 from agents.network.layers import Clip, Dense, Observer, Residual
 from agents.network.policy import Policy
 from agents.training.parts import base_controller

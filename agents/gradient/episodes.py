@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.observed_state import ROWS
+from agents.control.observed_actuators import ROWS
 from agents.controllers.lqr import state_weight
 from agents.gradient.network import Network
 from mm_gym import ActionError, DesignError, MovingMassVectorEnv, Scene

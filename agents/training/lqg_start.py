@@ -9,8 +9,9 @@ from functools import partial
 import numpy as np
 
 from agents.control.actuators import Command
+from agents.control.kalman_filter import state_units
 from agents.control.scene import plant_of
-from agents.controllers.lqg import DISTURBANCES, design_lqg, state_units, weighed
+from agents.controllers.lqg import DISTURBANCES, design_lqg, weighed
 from agents.training.shown import Shown, reduced
 from agents.training.start import Start, best_constant, best_of, no_control
 from mm_gym import DesignError, Scene

@@ -10,9 +10,9 @@ import os
 
 import numpy as np
 
+from agents.control.kalman_filter import OF_ACTUATORS
 from agents.control.scene import periods, plant_of
 from agents.controllers.constant import uncontrolled
-from agents.controllers.lqg import OF_ACTUATORS
 from agents.rollout import Rollout
 from agents.training.config import PPOSettings, RunSettings, TrainSettings
 from agents.training.parts import NO_BASE, base_controller, best_controller

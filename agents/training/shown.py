@@ -9,10 +9,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import solve_discrete_lyapunov
 
-from agents.control.observed_state import ROWS, Frame
+from agents.control.kalman_filter import design_filter, excited_system, state_units, told_by
+from agents.control.observed_actuators import ROWS, Frame
 from agents.control.scene import ENDLESS, plant_of
-from agents.controllers.lqg import DISTURBANCES, design_filter, state_units
-from agents.controllers.lqr import told_by
+from agents.controllers.lqg import DISTURBANCES
 from agents.training.config import FUTURE
 from mm_gym import CompileError, DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
@@ -111,7 +111,8 @@ class Shown(Frame):
         found = [Estimate(state, nothing, nothing)]
         for unmodelled in DISTURBANCES if self.filtered else ():
             with suppress(CompileError, DesignError):
-                system, gains = design_filter(self.scene, at, unmodelled)
+                system = excited_system(self.scene, at=at)
+                gains = design_filter(self.scene, system, unmodelled).filters[-1]
                 units = state_units(self.scene, plant, system)
                 _, keep, enter = self.memory_of(system, gains, units)
                 keep, enter, told = reduced(keep, enter, np.eye(4, len(keep)) * units[:4, None])
