@@ -125,7 +125,9 @@ def test_the_page_is_that_of_its_scores(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr("sys.argv", ["agents", "robustness", "CarriageForce"])
     with pytest.raises(SystemExit):
         main()
-    assert "tasks: got 'CarriageForce'; allowed: " in capsys.readouterr().err
+    assert (
+        "tasks: got 'CarriageForce'; did you mean 'CarriageForceRobust'?" in capsys.readouterr().err
+    )
 
 
 def test_scores_that_another_process_writes_meanwhile_stay(monkeypatch, tmp_path):
