@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.controller import Info, Memory, Observation, Read, StateSource, chosen
+from agents.control.kalman_state import KalmanState
 from agents.control.model import Model, covariance, state_scales
 from agents.control.observed_actuators import ObservedActuators
 from agents.control.scene import plant_of
@@ -226,14 +227,20 @@ class ObservedDelay(StateSource):
         }
 
 
-def observed_state(
-    scene: Scene, make: type[ObservedState] = ObservedState
-) -> ObservedState | ObservedDelay:
-    """Return what estimates the state from the observation, also where its delay is drawn."""
-    if DELAY not in scene.randomization:
-        return make(scene)
-    low, high = scene.randomization[DELAY]
-    return ObservedDelay(make(scene, range(int(low), int(high) + 1)))
+def observed_state(scene: Scene, make: type[ObservedState] = ObservedState) -> StateSource:
+    """Return what estimates the state from the observation, also where its delay is drawn.
+
+    Where only accelerations tell the state, it is the Kalman filter, which knows the excitation.
+    """
+    try:
+        if DELAY not in scene.randomization:
+            return make(scene)
+        low, high = scene.randomization[DELAY]
+        return ObservedDelay(make(scene, range(int(low), int(high) + 1)))
+    except DesignError:
+        if make is not ObservedState:
+            raise
+        return KalmanState(scene)
 
 
 def missed_covariance(scene: Scene) -> Array:
