@@ -14,6 +14,7 @@ from rollouts import LANES, random_actions, rollout
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, Scene, SceneError, SimulationError
+from mm_gym.lanes import layout
 
 MOTION = Path(__file__).parents[1] / "data" / "motion.csv"
 
@@ -107,6 +108,17 @@ def test_a_copy_continues_independently_as_the_original_would(
     assert_same(rollout(twin, actions), expected)
     assert_same(env.get_state(), after)
     assert_same(twin.action_space.sample(), env.action_space.sample())
+
+
+def test_a_carriage_without_mass_is_copied_though_its_acceleration_is_not_finite(make, assert_same):
+    channels = ["carriage_displacement", "sphere_acceleration"]
+    light = {"carriage.mass": 0.0, "initial.carriage_velocity": 0.0, "sensors.channels": channels}
+    env = make(CARRIAGE_FORCE.replace(**light))
+    env.reset(seed=1)
+    actions = random_actions(env, 5)
+    rollout(env, actions)
+    assert not np.isfinite(env.get_state()["values"][layout.CARRIAGE_ACCELERATION]).any()
+    assert_same(rollout(pickled(env), actions), rollout(env, actions))
 
 
 @pytest.mark.parametrize("copied", COPIED)
