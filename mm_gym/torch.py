@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
+from mm_gym.arrays import Array
 from mm_gym.differences import Outputs
 from mm_gym.env.vector import MovingMassVectorEnv
-from mm_gym.errors import SceneError
+from mm_gym.errors import SceneError, refuse
 from mm_gym.lanes import layout
 from mm_gym.sensitivity import Sensitivities
 
@@ -77,10 +78,29 @@ def step(
         msg = "at: with parameters it must be values by dotted name, or None"
         raise SceneError(msg)
     if named:
-        at = {**(at or {}), **{name: value.item() for name, value in named.items()}}  # pyright: ignore[reportGeneralTypeIssues, reportUnknownVariableType]
-    given = state.detach().double().numpy(), action.detach().double().numpy()
+        own = {name: _number(f"parameters.{name}", value) for name, value in named.items()}
+        at = {**(at or {}), **own}  # pyright: ignore[reportGeneralTypeIssues, reportUnknownVariableType]
+    given = _numbers("state", state), _numbers("action", action)
     found = plant.jacobian(*given, at=at, parameters=tuple(named))
-    return _moved(found, state, action, *named.values(), names=tuple(named))
+    numbers = (value.reshape(()) for value in named.values())
+    return _moved(found, state, action, *numbers, names=tuple(named))
+
+
+def _number(where: str, value: Tensor) -> float:
+    """Return the number of a tensor that has one; refuse anything else."""
+    numbers = _numbers(where, value)
+    if numbers.size != 1:
+        refuse(where, f"shape {numbers.shape}", "one number")
+    return numbers.item()
+
+
+def _numbers(where: str, value: Tensor) -> Array:
+    """Return the numbers of a tensor, without slopes; refuse anything else."""
+    if not isinstance(value, torch.Tensor) or value.is_complex():  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
+        refuse(
+            where, f"{getattr(value, 'dtype', type(value).__name__)}", "a tensor of real numbers"
+        )
+    return value.detach().double().numpy()
 
 
 class _Motion(Function):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -61,6 +63,34 @@ def test_parameters_of_a_step_have_the_slopes_of_differences():
     assert gradcheck(ends, values, atol=1e-4)
     with pytest.raises(SceneError, match="at: with parameters"):
         step(plant, state, action, at=np.zeros(3), parameters={names[0]: values[0]})
+
+
+def test_a_parameter_may_have_any_shape_of_one_number():
+    plant = compile_scene(load_scene("mm_gym/CarriageForce-v0").replace(**DRAWN))
+    state, action = start_of(plant)
+    slopes = []
+    for shape in ((), (1,), (1, 1)):
+        mass = torch.full(shape, 0.041, dtype=torch.float64, requires_grad=True)
+        step(plant, state, action, parameters={"sphere.mass": mass}).sum().backward()
+        assert mass.grad.shape == shape
+        slopes.append(mass.grad.item())
+    assert len(set(slopes)) == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"parameters": {"sphere.mass": torch.ones(3)}}, "parameters.sphere.mass: got shape (3,)"),
+        ({"parameters": {"sphere.mass": 0.041}}, "parameters.sphere.mass: got float; allowed: a"),
+        ({"state": np.zeros(4)}, "state: got float64; allowed: a tensor"),
+        ({"action": torch.zeros(1, dtype=torch.complex64)}, "action: got torch.complex64"),
+    ],
+)
+def test_what_is_no_tensor_of_real_numbers_is_refused(changes, text):
+    plant = compile_scene(load_scene("mm_gym/CarriageForce-v0").replace(**DRAWN))
+    given = {"state": torch.zeros(4), "action": torch.zeros(1)} | changes
+    with pytest.raises(SceneError, match=f"^{re.escape(text)}"):
+        step(plant, **given)
 
 
 def test_steps_go_on_where_the_step_before_has_ended():
