@@ -57,15 +57,20 @@ def check_name(
         refuse(field, f"{name!r}{suggest(str(name), names)}", ", ".join(names), error)
 
 
+def as_array(field: str, value: object, error: type[Exception] = SceneError) -> NDArray[np.generic]:
+    """Return a value as an array of any type; refuse rows of different lengths."""
+    try:
+        return np.asarray(value)
+    except ValueError as problem:
+        msg = f"{field}: not an array: {problem}"
+        raise error(msg) from None
+
+
 def finite_numbers(
     field: str, value: object, error: type[Exception] = SceneError
 ) -> NDArray[np.float64]:
     """Return finite numbers as an array; refuse anything else."""
-    try:
-        array = np.asarray(value)
-    except ValueError as problem:  # rows of different lengths
-        msg = f"{field}: not an array: {problem}"
-        raise error(msg) from None
+    array = as_array(field, value, error)
     if array.size and array.dtype.kind not in "fiu":
         refuse(field, f"type {array.dtype}", "numbers", error)
     if not np.isfinite(array).all():

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array
-from mm_gym.errors import ActionError, CompileError, SceneError, refuse
+from mm_gym.errors import ActionError, CompileError, SceneError, as_array, refuse
 from mm_gym.excitation.kinds import begin_excitation
 from mm_gym.lanes import layout
 from mm_gym.methods.support import MASSLESS, Support
@@ -92,11 +92,7 @@ def _lanes(
     """Return lanes (rows, n), their random numbers, and whether they are a snapshot's."""
     streams = np.zeros((2, 1), np.uint64)
     if hasattr(place, "keys") and "values" in place:  # pyright: ignore[reportOperatorIssue]
-        values = np.asarray(place["values"], np.float64)  # pyright: ignore[reportIndexIssue, reportOptionalSubscript, reportCallIssue, reportArgumentType, reportUnknownArgumentType]
-        if values.ndim != 2 or len(values) != len(support.low):  # noqa: PLR2004 - rows and lanes
-            refuse("at", f"values of shape {values.shape}", f"({len(support.low)}, lanes)")
-        require_parameters(support, values)
-        return values, np.asarray(place["streams"], np.uint64), True  # pyright: ignore[reportIndexIssue, reportOptionalSubscript, reportCallIssue, reportArgumentType, reportUnknownArgumentType]
+        return *_of_snapshot(support, cast("Mapping[str, Any]", place)), True
     row = lane_at(support, place, None)  # pyright: ignore[reportArgumentType]
     lanes = row[:, None]
     if place is None or hasattr(place, "keys"):
@@ -110,10 +106,25 @@ def _lanes(
     return lanes, streams, False
 
 
+def _of_snapshot(support: Support, snapshot: Mapping[str, Any]) -> tuple[Array, NDArray[np.uint64]]:
+    """Return the lanes (rows, n) of a snapshot and their random numbers (2, n)."""
+    values = as_array("at.values", snapshot["values"])
+    if values.dtype.kind not in "fiu" or values.ndim != 2 or len(values) != len(support.low):  # noqa: PLR2004 - rows and lanes
+        got, allowed = f"shape {values.shape} of {values.dtype}", f"({len(support.low)}, lanes)"
+        refuse("at.values", got, f"{allowed} numbers")
+    values = values.astype(np.float64)
+    require_parameters(support, values)
+    streams = as_array("at.streams", snapshot.get("streams"))
+    if streams.dtype != np.uint64 or streams.shape != (2, values.shape[1]):
+        got, allowed = f"shape {streams.shape} of {streams.dtype}", f"(2, {values.shape[1]})"
+        refuse("at.streams", got, f"{allowed} of uint64, as get_state returned them")
+    return values, streams.astype(np.uint64)
+
+
 def _array(
     what: str, values: ArrayLike, sizes: tuple[int, ...], error: type[SceneError | ActionError]
 ) -> Array:
-    array = np.asarray(values)
+    array = as_array(what, values, error)
     fits = array.ndim in (1, 2) and array.shape[-1] in sizes
     if array.dtype.kind not in "fiu" or not fits or not np.isfinite(array).all():
         allowed = " or ".join(f"({size},) or (lanes, {size})" for size in dict.fromkeys(sizes))

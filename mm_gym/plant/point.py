@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import SceneError, refuse
+from mm_gym.errors import SceneError, as_array, refuse
 from mm_gym.lanes import layout
 from mm_gym.law.dry_friction import REGIMES_WRITTEN, write_regimes
 from mm_gym.methods.support import Support
@@ -75,7 +75,7 @@ def _value(support: Support, name: str, value: object) -> float:
 
 
 def _numbers(what: str, values: object, size: int) -> Array:
-    array = np.array(values)
+    array = as_array(what, values)
     if array.dtype.kind not in "fiu" or array.shape != (size,):
         refuse(what, f"shape {array.shape} of {array.dtype}", f"({size},) numbers")
     if not np.isfinite(array[: layout.HARMONICS]).all():  # a plateau behind them may be endless

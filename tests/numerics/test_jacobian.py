@@ -405,6 +405,8 @@ def test_a_linear_plant_has_a_derivative_over_the_cubic_coefficient() -> None:
         (([0.0] * 3, [0.0]), (), SceneError, r"state: got shape \(3,\)"),
         (([0.0] * 4, [0.0, 0.0]), (), ActionError, r"action: got shape \(2,\)"),
         (([0.0] * 4, [np.nan]), (), ActionError, "finite"),
+        (([[0.0] * 4, [0.0]], [0.0]), (), SceneError, "state: not an array"),
+        (([0.0] * 4, [[0.0], []]), (), ActionError, "action: not an array"),
         ((np.zeros((2, 4)), np.zeros((3, 1))), (), SceneError, r"\[2, 3\] lanes"),
         (([0.0] * 4, [0.0]), ("carriage.mas",), SceneError, "carriage.mass"),
         (([0.0] * 4, [0.0]), ("initial.sphere_offset",), SceneError, "neither actuated"),
@@ -414,6 +416,29 @@ def test_wrong_arguments_are_named(arguments, parameters, error, text) -> None:
     plant = compile_scene(load_scene(path_of("mm_gym/CarriageForce-v0")))
     with pytest.raises(error, match=text):
         plant.jacobian(*arguments, parameters=parameters)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("values", [[0.0], []], "at.values: not an array"),
+        ("values", [["x"]], r"at.values: got shape \(1, 1\) of <U1"),
+        ("streams", None, r"at.streams: got shape \(\) of object; allowed: \(2, 3\) of uint64"),
+        ("streams", np.zeros((2, 2), np.uint64), r"at.streams: got shape \(2, 2\)"),
+        ("streams", np.zeros((2, 3)), r"at.streams: got shape \(2, 3\) of float64"),
+        ("streams", 1, r"at.streams: got shape \(\)"),  # was that of every lane
+    ],
+)
+def test_a_snapshot_with_other_arrays_is_refused(name: str, value: Any, text: str) -> None:
+    env = MovingMassVectorEnv("mm_gym/PreStretchNoise-v0", 3)
+    env.reset(seed=0)
+    spoilt = env.get_state() | {name: value}
+    with pytest.raises(SceneError, match=text):
+        env.plant.jacobian(None, [0.0], at=spoilt)
+    if value is None:
+        del spoilt[name]
+        with pytest.raises(SceneError, match=text):
+            env.plant.jacobian(None, [0.0], at=spoilt)
 
 
 def test_parameters_of_a_carriage_without_mass_are_refused() -> None:
