@@ -78,6 +78,14 @@ def finite_numbers(
     return array.astype(np.float64)
 
 
+def positive_number(field: str, value: object, error: type[Exception] = SceneError) -> float:
+    """Return a finite number greater than 0; refuse anything else."""
+    number = finite_numbers(field, value, error)
+    if number.shape or not number > 0.0:
+        refuse(field, f"{value!r}", "a finite number greater than 0", error)
+    return float(number)
+
+
 def suggest(name: str, allowed: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the nearest allowed name, or an empty string."""
     nearest = get_close_matches(name, list(allowed), n=1)

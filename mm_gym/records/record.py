@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mm_gym.arrays import Array
-from mm_gym.errors import SceneError
+from mm_gym.errors import SceneError, positive_number
 from mm_gym.records.arrays import READERS, read_arrays
 from mm_gym.records.options import UNITS, Options
 from mm_gym.records.text import header_of, read_columns, read_peer, read_text, refuse, states_counts
@@ -57,8 +57,10 @@ def resample(record: Record, step: float, *, scale: float = 1.0, time_scale: flo
     Raises
     ------
     SceneError
-        If the result would have more than `MOST_SAMPLES` samples, or one beyond the largest double.
+        If step or time_scale is not greater than 0, or the result would have more than
+        `MOST_SAMPLES` samples, or one beyond the largest double.
     """
+    step, time_scale = positive_number("step", step), positive_number("time_scale", time_scale)
     rounding = 16.0 * np.finfo(np.float64).eps
     with np.errstate(over="ignore"):
         last = np.multiply(record.times[-1], time_scale) / step * (1.0 + rounding)

@@ -18,7 +18,7 @@ from mm_gym.analysis.linear import Linear, linear_values
 from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import DesignError, SimulationError, check_name, refuse
+from mm_gym.errors import DesignError, SimulationError, check_name, positive_number, refuse
 from mm_gym.lanes.layout import NO_ROW
 from mm_gym.law.dry_friction import kinetic_force, slip_intercept, stick_slope
 from mm_gym.scene.mechanics import GRAVITY, DryFriction
@@ -65,8 +65,13 @@ def lanchester_friction(mass_ratio: float) -> float:
     and static friction. The curves of all dampings pass through the fixed point of the viscous
     damper. The least peak is therefore the same, (2 + mu) / mu. Friction whose equivalent damping
     there is optimal attains it.
+
+    Raises
+    ------
+    DesignError
+        If the mass ratio is not greater than 0.
     """
-    return 0.5 * pi / sqrt(2.0 + mass_ratio)
+    return 0.5 * pi / sqrt(2.0 + positive_number("mass_ratio", mass_ratio, DesignError))
 
 
 def equivalent_damping(friction: Friction, speed: Array) -> Array:

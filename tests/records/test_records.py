@@ -358,6 +358,10 @@ def test_resampling_beyond_its_limits_is_refused(tmp_path):
         SceneError, match=r"scale: got 1e\+308, which makes samples larger than the"
     ):
         resample(record, 0.1, scale=1e308)
+    for name in ("step", "time_scale"):
+        for wrong in (0.0, -0.1, np.nan, np.inf, [0.1]):  # -0.1 gave a motion of one sample
+            with pytest.raises(SceneError, match=f"^{name}: got .*; allowed: "):
+                resample(record, **({"step": 0.1} | {name: wrong}))
 
 
 STATEMENTS = {

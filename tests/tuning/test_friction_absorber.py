@@ -53,6 +53,12 @@ def test_friction_takes_the_energy_of_its_equivalent_damping():
             assert found == pytest.approx(2.0 * np.mean(force * w) / speed**2, rel=1e-4)
 
 
+@pytest.mark.parametrize("ratio", [-1.0, 0.0, np.nan, np.inf])
+def test_lanchesters_friction_needs_a_mass_ratio(ratio):
+    with pytest.raises(DesignError, match=r"^mass_ratio: got .*; allowed: "):
+        lanchester_friction(ratio)
+
+
 @pytest.mark.parametrize("ratio", [0.03, 0.1, 0.5])
 def test_first_harmonic_without_springs_has_lanchesters_peak(ratio):
     scene = rig(ratio).replace(interface=FRICTION, springs={"kind": "none"})
