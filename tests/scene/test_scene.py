@@ -1,12 +1,13 @@
 """What a scene is: frozen, complete, identified by its content, changed only by making another."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 from tasks import TASKS
 
-from mm_gym import Scene, SceneError
+from mm_gym import Scene, SceneError, compile_scene, simulate
 from mm_gym.scene.actuators import ForceActuator
 from mm_gym.scene.excitation import Harmonic
 from mm_gym.scene.mechanics import SmallOnLarge
@@ -178,3 +179,11 @@ def test_randomization_takes_any_number_of_the_scene():
         assert scene.replace(**{f"randomization.{name}": (1.0, 2.0)}).randomization == {
             name: (1.0, 2.0)
         }
+
+
+@pytest.mark.parametrize("function", [compile_scene, simulate])
+@pytest.mark.parametrize("wrong", ["mm_gym/PreStretch-v0", {"carriage": {"mass": 0.2}}, None])
+def test_what_is_no_scene_is_named_where_a_scene_is_compiled(function, wrong):
+    text = f"scene: got {wrong!r}; allowed: a Scene, as load_scene returns it"
+    with pytest.raises(SceneError, match=f"^{re.escape(text)}"):
+        function(wrong)

@@ -364,3 +364,11 @@ def test_massless_carriage_and_wrong_frequencies_are_refused():
         system.frequency_response([np.nan])
     with pytest.raises(DesignError, match="show nothing"):
         compile_scene(Scene()).state_space(["force"], ["disturbance_force"]).observable()
+
+
+@pytest.mark.parametrize("stretch", [0.5, np.nan, np.inf, "2", [1.5, 2.0]])
+def test_a_stretch_that_is_no_number_of_at_least_1_is_refused(stretch):
+    plant = compile_scene(TASKS["mm_gym/PreStretch-v0"])
+    for matrices in (plant.linear, plant.discrete):
+        with pytest.raises(SceneError, match=r"stretch: got .*; allowed: "):
+            matrices(stretch)
