@@ -110,11 +110,11 @@ class BoucWen(Part):
     kind: Literal["bouc_wen"] = "bouc_wen"
     stiffness: Positive
     """k [N/m]: before yielding"""
-    yield_displacement: Positive
-    """u_y [m]"""
+    yield_displacement: Annotated[float, Field(ge=1e-7)]
+    """u_y [m]; with a smaller one or a larger exponent the integrator can lose z"""
     stiffness_ratio: Annotated[float, Field(ge=0, le=1)] = 0.0
     """a [-]: stiffness long after yielding over that before"""
-    exponent: Annotated[float, Field(ge=1)] = 2.0
+    exponent: Annotated[float, Field(ge=1, le=50)] = 2.0
     """n [-]: sharpness of the yielding; larger is sharper"""
     shape: Annotated[float, Field(ge=0.5)] = 0.5
     """b [-]: 1/2 unloads as stiff as before yielding; less would be a source of energy"""

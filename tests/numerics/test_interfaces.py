@@ -141,6 +141,41 @@ def test_motion_is_that_of_the_equations(
         assert np.abs(found.interface_state).max() <= 1.0
 
 
+@pytest.mark.parametrize("exponent", [1.0, 10.0, 50.0])
+def test_hysteresis_stays_within_its_yield_at_the_ends_of_what_is_allowed(exponent: float) -> None:
+    rng, followed = np.random.default_rng(0), 0
+    for speed in (0.01, 0.1, 1.0, 10.0):
+        for _ in range(5):
+            scene = Scene(
+                interface={
+                    "kind": "bouc_wen",
+                    "stiffness": 10.0 ** rng.uniform(-2.0, 3.0),
+                    "yield_displacement": 1e-7,
+                    "exponent": exponent,
+                },
+                actuation={"force": {"limit": speed}},
+                control={"time_step": 10.0 ** rng.uniform(-3.0, -1.5)},
+                initial={"carriage_velocity": speed, "sphere_velocity": -speed},
+            )
+            try:
+                found = simulate(scene, duration=10.0 * scene.control.time_step, action=[speed])
+            except SimulationError as error:
+                assert "too many steps" in str(error)  # noqa: PT017 - or within the yield
+            else:
+                followed += 1
+                assert np.abs(found.interface_state).max() <= 1.0 + 1e-9
+    assert followed
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("yield_displacement", 3e-10), ("exponent", 65.0), ("exponent", 0.9)]
+)
+def test_hysteresis_too_sharp_to_be_followed_is_refused(name: str, value: float) -> None:
+    # With both, z went to 1e8 and more.
+    with pytest.raises(SceneError, match=rf"^interface.{name}: got {value}; allowed: "):
+        scene_of(BOUC_WEN | {name: value})
+
+
 def random_scene(seed: int, kind: str, tolerance: float) -> tuple[Scene, np.random.Generator]:
     """Return a scene over scales of time, length and force, and the generator after it."""
     rng = np.random.default_rng(seed)
