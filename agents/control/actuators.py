@@ -152,10 +152,11 @@ class Lead:
         crossing = self.range / command.travel * scene.control.time_step
         at = self.low + self.range * np.linspace(0.0, 1.0, GRID)
         if name == "stretch":
-            stiffest = spring_stiffness(self.low, scene.springs.stiffness)
-            longest = 2.0 * np.pi * np.sqrt(scene.sphere.mass / stiffest)
+            stiffness = nominal(scene, "springs.stiffness")
+            stiffest = spring_stiffness(self.low, stiffness)
+            longest = 2.0 * np.pi * np.sqrt(nominal(scene, "sphere.mass") / stiffest)
             first, last = (plant_of(scene).linear(s)[0] for s in (at[0], at[-1]))
-            k2 = spring_stiffness(at, scene.springs.stiffness)
+            k2 = spring_stiffness(at, stiffness)
             share = (k2 - k2[-1]) / (k2[0] - k2[-1])  # A is affine in k2
         else:
             damped, plant = str(scene.actuation.damped), plant_of(scene)

@@ -39,6 +39,13 @@ def nominal(scene: Scene, name: str) -> float:
     return float(np.mean(scene.range_of(name, np.inf if stated is None else stated)))
 
 
+def internal_force(scene: Scene) -> Array:
+    """Return what 1 N on the carriage and -1 N on the sphere adds to x1', x2', v1', v2' (4,)."""
+    masses = (nominal(scene, f"{body}.mass") for body in ("carriage", "sphere"))
+    on_carriage, on_sphere = (1.0 / mass for mass in masses)
+    return np.array([0.0, 0.0, on_carriage, -on_sphere])
+
+
 def beginning(scene: Scene, actuator: str) -> float:
     """Return what an actuator has when an episode begins, the middle of a range."""
     if actuator == "force":

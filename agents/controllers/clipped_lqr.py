@@ -10,7 +10,7 @@ from agents.control.actuators import Command, Lead, require_stable_rest
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.kalman_filter import solvable
-from agents.control.scene import plant_of, require_number
+from agents.control.scene import internal_force, nominal, plant_of, require_number
 from agents.controllers.lqr import LQR, state_weight
 from agents.controllers.registry import Entry, Free, Tunable, regulator_entry
 from agents.controllers.searched import searched_pair
@@ -53,13 +53,12 @@ class ClippedLQR(Law):
         require_number("weight", weight, np.finfo(np.float64).tiny)
         self.name = f"clipped LQR about {stretch:.2f}, weight {weight:.2g}"
         self.command, self.lead = Command(scene, "stretch"), Lead(scene, factor=lead)
-        self.about, self.stiffness = stretch, scene.springs.stiffness
+        self.about, self.stiffness = stretch, nominal(scene, "springs.stiffness")
         self.k2 = spring_stiffness(stretch, self.stiffness)
-        unit = scene.carriage.stiffness * scene.objective.displacement_scale
-        internal = np.array([[0.0], [0.0], [1.0 / scene.carriage.mass], [-1.0 / scene.sphere.mass]])
+        unit = nominal(scene, "carriage.stiffness") * scene.objective.displacement_scale
         a, _ = plant_of(scene).linear(stretch)
         state = state_weight(scene) + (0.0 if further is None else further)
-        self.gain = gain_of(a, internal, state, weight / unit**2)
+        self.gain = gain_of(a, internal_force(scene)[:, None], state, weight / unit**2)
 
     def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         present = self.command.present(applied)
@@ -132,7 +131,8 @@ def weighted_clipped_lqr(scene: Scene, numbers: Mapping[str, float]) -> ClippedL
 def free_weights(scene: Scene, numbers: Mapping[str, float]) -> Array:
     """Return the weights (4, 4) of the carriage's velocity, the stroke and the slip velocity."""
     length = scene.objective.displacement_scale
-    speed = length * np.sqrt(scene.carriage.stiffness / scene.carriage.mass)
+    stiffness, mass = (nominal(scene, f"carriage.{one}") for one in ("stiffness", "mass"))
+    speed = length * np.sqrt(stiffness / mass)
     rows = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 1.0]])
     scales = np.array([speed, length, speed])
     each = np.array([numbers["velocity"], numbers["stroke"], numbers["slip"]])

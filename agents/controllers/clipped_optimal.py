@@ -16,7 +16,7 @@ from agents.control.actuators import (
     Switching,
 )
 from agents.control.controller import Acted, Law, Memory
-from agents.control.scene import STATES, drawn_but, require_number
+from agents.control.scene import STATES, drawn_but, nominal, require_number
 from agents.controllers.lqr import design
 from agents.controllers.registry import Entry, Free, Tunable, unless
 from agents.controllers.searched import over_decades
@@ -115,7 +115,7 @@ def regulated(scene: Scene, weight: float) -> Scene:
     is_voltage = scene.actuation.voltage is not None
     out = "interface." if is_voltage else damped
     drawn = drawn_but(scene, out, "sensors.", "actuation.")
-    unit = scene.carriage.stiffness * scene.objective.displacement_scale
+    unit = nominal(scene, "carriage.stiffness") * scene.objective.displacement_scale
     between = "ground" if damped == "carriage.damping" else "masses"
     without: dict[str, object] = {"interface": {"kind": "none"}} if is_voltage else {damped: 0.0}
     return scene.replace(

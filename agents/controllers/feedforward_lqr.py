@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
-from agents.control.scene import STATES, force_weight, plant_of
+from agents.control.scene import STATES, force_weight, internal_force, nominal, plant_of
 from agents.controllers.clipped_lqr import (
     ClippedLQR,
     best_lqr_with_clipped_lqr,
@@ -91,10 +91,10 @@ class FeedforwardClippedLQR(Law):
         rows = [*range(4), *self.filter.rows]
         a = system.A[np.ix_(rows, rows)]
         b = np.zeros((len(rows), 1))
-        b[2], b[3] = 1.0 / scene.carriage.mass, -1.0 / scene.sphere.mass
+        b[:4, 0] = internal_force(scene)
         weight = np.zeros_like(a)
         weight[:4, :4] = state_weight(scene) + weights
-        unit = scene.carriage.stiffness * scene.objective.displacement_scale
+        unit = nominal(scene, "carriage.stiffness") * scene.objective.displacement_scale
         self.gain = gain_of(a, b, weight, numbers["force"] / unit**2)
         self.gain[4:] *= numbers["feedforward"]
         # What the filters' states add to the motion, about the design's stretch, and to themselves.

@@ -19,6 +19,7 @@ from agents.control.controller import (
     part,
 )
 from agents.control.model import ForceObserver
+from agents.control.scene import nominal
 from agents.controllers.registry import Entry, Free, Tunable, unless
 from agents.scoring import FREQUENCY
 from mm_gym import MovingMassVectorEnv, Scene
@@ -166,8 +167,8 @@ class FrequencyLockedLoop:
 def reachable_band(scene: Scene) -> tuple[float, float]:
     """Return the frequencies [rad/s] with which the springs can make the sphere resonate."""
     command = Command(scene, "stretch")
-    ends = spring_stiffness([command.high, command.low], scene.springs.stiffness)
-    low, high = np.sqrt(ends / scene.sphere.mass)
+    ends = spring_stiffness([command.high, command.low], nominal(scene, "springs.stiffness"))
+    low, high = np.sqrt(ends / nominal(scene, "sphere.mass"))
     return float(low), float(high)
 
 
@@ -182,7 +183,8 @@ class FrequencyTracking(Law):
         require_stable_rest(scene, "frequency tracking")
         self.name = f"frequency tracking, {estimator.name}"
         self.estimator, self.command = estimator, Command(scene, "stretch")
-        self.mass, self.stiffness = scene.sphere.mass * ratio**2, scene.springs.stiffness
+        self.mass = nominal(scene, "sphere.mass") * ratio**2
+        self.stiffness = nominal(scene, "springs.stiffness")
         self.begin = estimator.begin
 
     def action(self, memory: Memory, state: Array, applied: Array) -> Acted:

@@ -12,7 +12,7 @@ from agents.control.actuators import Command
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
 from agents.control.kalman_filter import hidden_mode, require_detectable, told_by
 from agents.control.observed_actuators import Frame
-from agents.control.scene import STATES, force_weight, plant_of
+from agents.control.scene import STATES, force_weight, nominal, plant_of
 from agents.controllers.lqr import state_weight
 from agents.controllers.registry import regulator_entry
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
@@ -160,7 +160,8 @@ def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Mat
     """Return the system from (disturbance, noise, force) to (costs, measurements)."""
     weight = np.sqrt(force_weight(scene))
     limit, count, size = Command(scene, "force").high, len(measured), len(system.A)
-    disturbed = limit / (scene.carriage.mass if system.inputs[1].name == "ground" else 1.0)
+    is_ground = system.inputs[1].name == "ground"
+    disturbed = limit / (nominal(scene, "carriage.mass") if is_ground else 1.0)
     scales, noise = (frame := Frame(scene, measured)).unit, frame.noise
     noise = np.hypot(NOISE, noise / scales)
     weights, axes = np.linalg.eigh(state_weight(scene))

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Memory
-from agents.control.scene import plant_of
+from agents.control.scene import nominal, plant_of
 from agents.controllers.adjustable import Adjustable
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Free, Tunable, without_weight
@@ -15,6 +15,8 @@ from mm_gym import Scene
 from mm_gym.arrays import Array
 
 HOLD, PUSH, RETURN = 0, 1, 2
+
+REFERENCE = "interface.reference_velocity"
 
 OF_DESIGN = "hold_effort", "hold_velocity"
 """Free numbers of the LQR's design: they cannot change in a control step."""
@@ -40,21 +42,23 @@ class InertialDrive(Adjustable):
     name, inputs = "inertial drive", 5
 
     def __init__(self, scene: Scene, numbers: Mapping[str, float]) -> None:
-        assert scene.interface.kind == "dry_friction"  # noqa: S101 - `_refused` sees to it
         free = free_numbers(scene).items()
         super().__init__({name: one for name, one in free if name not in OF_DESIGN}, numbers)
-        friction, carriage = scene.interface, scene.carriage
         self.length = scene.objective.displacement_scale
-        self.speed = friction.reference_velocity
+        self.speed = nominal(scene, REFERENCE)
         self.momentum = 1.0 / plant_of(scene).linear()[0][3, 2]  # m2 / c_s [s], of stick
-        self.static = scene.sphere.mass * self.speed / self.momentum
-        self.kinetic = self.static * friction.kinetic_coefficient / friction.static_coefficient
-        self.growth = friction.slip_damping
+        self.static = nominal(scene, "sphere.mass") * self.speed / self.momentum
+        self.kinetic = self.static * nominal(scene, "interface.kinetic_coefficient")
+        self.kinetic /= nominal(scene, "interface.static_coefficient")
+        self.growth = nominal(scene, "interface.slip_damping")
         self.limit, self.step = Command(scene, "force").high, scene.control.time_step
-        stiffness = carriage.stiffness * carriage.linear_coefficient
+        mass, damping, stiffness, linear = (
+            nominal(scene, f"carriage.{one}")
+            for one in ("mass", "damping", "stiffness", "linear_coefficient")
+        )
         a = np.zeros((3, 3))
         a[0, 1] = 1.0
-        a[1] = -stiffness / carriage.mass, -carriage.damping / carriage.mass, 1.0 / carriage.mass
+        a[1] = -stiffness * linear / mass, -damping / mass, 1.0 / mass
         self.moved = expm(a * self.step)[:2]
         held = scene.replace(
             **{
@@ -120,8 +124,7 @@ def free_numbers(scene: Scene) -> dict[str, Free]:
     others are factors: "hysteresis" of the band, "return" of v_r, "push_gain" and "return_gain" of
     the force, "lead" of the control step, "hold_effort" and "hold_velocity" of the weights.
     """
-    assert scene.interface.kind == "dry_friction"  # noqa: S101 - `_refused` sees to it
-    length, speed = scene.objective.displacement_scale, scene.interface.reference_velocity
+    length, speed = scene.objective.displacement_scale, nominal(scene, REFERENCE)
     return {
         "band": Free(0.1 * length, 0.5),
         "hysteresis": Free(1.2, 0.2, low=1.0),

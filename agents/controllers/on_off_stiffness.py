@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.control.actuators import Command, Lead, require_stable_rest
 from agents.control.controller import Acted, Law, Memory
-from agents.control.scene import plant_of
+from agents.control.scene import internal_force, plant_of
 from agents.controllers.lqr import state_weight
 from agents.controllers.registry import Entry
 from agents.controllers.searched import grid, searched
@@ -37,8 +37,7 @@ class OnOffStiffness(Law):
             raise DesignError(msg)
         p = np.asarray(control.lyap(a.T, state_weight(scene), method="scipy"))
         # The springs' force on carriage and sphere, per unit of k2 (x2 - x1).
-        internal = np.array([0.0, 0.0, 1.0 / scene.carriage.mass, -1.0 / scene.sphere.mass])
-        self.costate = p @ internal
+        self.costate = p @ internal_force(scene)
 
     def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         present = self.command.present(applied)

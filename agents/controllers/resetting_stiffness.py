@@ -4,6 +4,7 @@ import numpy as np
 
 from agents.control.actuators import Command, Lead, require_stable_rest
 from agents.control.controller import Acted, Law, Memory
+from agents.control.scene import nominal
 from agents.controllers.registry import Entry
 from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
@@ -31,7 +32,7 @@ class ResettingStiffness(Law):
         self.name = f"resetting stiffness, {'passive' if passive else 'may inject energy'}"
         self.passive = passive
         self.command, self.lead = Command(scene, "stretch"), Lead(scene)
-        self.stiffness = scene.springs.stiffness
+        self.stiffness = nominal(scene, "springs.stiffness")
 
     def begin(self, lanes: int) -> Memory:
         names = ("taken", "k2", "half") if self.passive else ()

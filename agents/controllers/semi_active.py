@@ -41,8 +41,8 @@ class GroundVelocity:
         if any(part.target == "force" for part in scene.excitation):
             causes.append(force_column(scene) / units)
         self.row = np.linalg.pinv(np.stack(causes, axis=1))[0] / units
-        carriage = scene.carriage
-        self.kept = float(np.exp(-CORNER * np.sqrt(carriage.stiffness / carriage.mass) * self.step))
+        stiffness, mass = (nominal(scene, f"carriage.{one}") for one in ("stiffness", "mass"))
+        self.kept = float(np.exp(-CORNER * np.sqrt(stiffness / mass) * self.step))
 
     def begin(self, lanes: int) -> Memory:
         return {**joined(innovation=self.innovation.begin(lanes)), "velocity": np.zeros(lanes)}
