@@ -485,7 +485,7 @@ def test_damper_and_force_in_parallel_share_the_regulators_force():
 def test_every_law_is_tuned_and_named():
     scene = scene_of(**{"control.steps": 5})
     found = classical_laws(scene)
-    assert len(found) == len(makers(scene, "law")) == 10
+    assert len(found) == len(makers(scene, "law")) == 12
     assert {"clipped-optimal-on-off", "skyhook-continuous", "balance-on-off"} < set(laws(scene))
     assert "energy-shaping" not in laws(scene)
     force = scene.replace(actuation={"force": {"between": "masses"}})
