@@ -7,10 +7,16 @@ from typing import NamedTuple
 import control
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from scipy.linalg import schur, solve_discrete_are
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
-from agents.control.kalman_filter import hidden_mode, require_detectable, told_by
+from agents.control.kalman_filter import (
+    hidden_mode,
+    require_detectable,
+    solvable,
+    told_by,
+)
 from agents.control.observed_actuators import Frame
 from agents.control.scene import STATES, force_weight, nominal, plant_of
 from agents.controllers.lqr import state_weight
@@ -25,6 +31,8 @@ ABOVE = 0.005  # how far the bound is above the least one, at which the equation
 
 EXACTNESS = 1e-5
 """How exactly the least bound is found: with less, the rounding of a machine would choose it."""
+
+GROWTH = 1.0 + 1e-6  # of a controller's mode in a step, above which it is unstable
 
 DOUBLINGS = 30  # of the bound, until one is kept
 
@@ -182,13 +190,33 @@ def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Mat
     return Matrices(a * unit / unit[:, None], b / unit[:, None], c * unit, d)
 
 
+def correction(k: Matrices) -> Array:
+    """Return by how much a limit that changes the output by 1 is to change the state (n, outputs).
+
+    An unstable controller whose output is clipped otherwise runs away. Of all gains that make its
+    clipped motion decay this one is of the least output, and it acts on what grows alone: a stable
+    controller is not changed. Kothare, Campo, Morari and Nett, *A unified framework for the study
+    of anti-windup designs*, Automatica 30 (1994).
+    """
+    triangle, axes, count = schur(k.A, sort=lambda re, im=0.0: np.hypot(re, im) > GROWTH)
+    growing, shown = triangle[:count, :count], k.C @ axes[:, :count]
+    if count == 0:
+        return np.zeros(k.C.T.shape)
+    one = np.eye(len(shown))
+    with solvable("the correction of an unstable H-infinity controller"):
+        p = solve_discrete_are(growing.T, shown.T, np.zeros_like(growing), one)
+    gain = np.linalg.solve(one + shown @ p @ shown.T, shown @ p @ growing.T).T
+    return axes[:, :count] @ gain
+
+
 class HInfinity(Controller):
-    """Run the controller on what is observed."""
+    """Run the controller on what is observed, and tell it what the force's limit takes off."""
 
     name = "H-infinity"
 
     def __init__(self, scene: Scene) -> None:
         self.design = design_h_infinity(scene)
+        self.correction = correction(self.design.controller)
         self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs[4:]])
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
@@ -197,8 +225,10 @@ class HInfinity(Controller):
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         k, state = self.design.controller, memory["state"]
         seen = self.frame.numbers(observation)  # over the channels' scales
-        action = state @ k.C.T + seen @ k.D.T
-        return np.clip(action, -1.0, 1.0), {"state": state @ k.A.T + seen @ k.B.T}
+        wanted = state @ k.C.T + seen @ k.D.T
+        action = np.clip(wanted, -1.0, 1.0)
+        state = state @ k.A.T + seen @ k.B.T + (action - wanted) @ self.correction.T
+        return action, {"state": state}
 
 
 ENTRIES = (

@@ -14,6 +14,7 @@ from agents.controllers.h_infinity import (
     HInfinity,
     Matrices,
     bilinear,
+    correction,
     design_h_infinity,
 )
 from agents.scoring import evaluate
@@ -111,6 +112,30 @@ def test_it_stills_the_carriage_from_the_observation():
         nothing = evaluate(scene, Feedback(scene, no_control(scene)), episodes=50)
         assert found.reads == "observation"
         assert found.cost < 0.6 * nothing.cost
+
+
+def test_clipped_output_of_an_unstable_controller_decays_and_a_stable_one_is_left_alone():
+    generator = np.random.default_rng(0)
+    for poles in ([0.9, 0.5, -0.3], [1.4, 0.5, -0.3], [1.4, -1.1, 0.3]):
+        axes = generator.normal(size=(3, 3))
+        a = axes @ np.diag(poles) @ np.linalg.inv(axes)
+        k = Matrices(a, np.zeros((3, 2)), generator.normal(size=(1, 3)), np.zeros((1, 2)))
+        gain = correction(k)
+        # The least output mirrors what grows in the unit circle, and moves nothing else.
+        mirrored = [pole if abs(pole) < 1.0 else 1.0 / pole for pole in poles]
+        found = np.linalg.eigvals(k.A - gain @ k.C)
+        np.testing.assert_allclose(np.sort(found.real), np.sort(mirrored), atol=1e-9)
+        assert gain.any() == (max(np.abs(poles)) > 1.0)
+
+
+def test_clipped_force_does_not_drive_an_unstable_controller_off():
+    pytest.importorskip("slycot")
+    late = {"sensors.delay": 2, "sensors.noise": {"carriage_displacement": 1e-4}}
+    scene = CARRIAGE_FORCE.replace(**late)
+    found = HInfinity(scene)
+    assert np.abs(np.linalg.eigvals(found.design.controller.A)).max() > 1.0
+    still = evaluate(scene, Feedback(scene, no_control(scene)), episodes=50)
+    assert evaluate(scene, found, episodes=50).cost < 0.6 * still.cost  # 2.9 without correction
 
 
 @pytest.mark.parametrize(
