@@ -19,13 +19,19 @@ from agents.control.kalman_filter import (
 )
 from agents.control.observed_actuators import Frame
 from agents.control.scene import STATES, force_weight, nominal, plant_of
+from agents.controllers.lqg import EFFORTS, weighed, without_force
 from agents.controllers.lqr import state_weight
-from agents.controllers.registry import regulator_entry
+from agents.controllers.registry import Entry, regulator_entry
+from agents.controllers.searched import cheapest
+from agents.scoring import validation_cost
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
 
 NOISE = 0.3
 """Size of the sensors' noise over each channel's scale: it is weighed against the disturbance."""
+
+NOISES = 0.03, 0.3, 3.0
+"""Those that are tried: with less noise a controller is quicker, and does more for what it sees."""
 
 ABOVE = 0.005  # how far the bound is above the least one, at which the equations are singular
 
@@ -61,16 +67,16 @@ class HInfinityDesign:
     bound: float
 
 
-def design_h_infinity(scene: Scene) -> HInfinityDesign:
+def design_h_infinity(scene: Scene, noise: float = NOISE) -> HInfinityDesign:
     """Design the controller of the sampled plant, with lag and delay among its states.
 
     The costs are the terms of the scene's reward, of which each has the root of its weight. The
     disturbance is a force of the actuator's limit, or the ground acceleration that has its effect
-    if all of the scene's excitation moves the ground; in addition each sensor has noise. Measured
-    are the channels of the carriage. Raise `DesignError` if there is no force, it is commanded by
-    its rate or costs nothing, nothing of the carriage is observed, or no controller exists: the
-    force does not stabilise what the cost shows, or the sensors do not show it;
-    `gymnasium.error.DependencyNotInstalled` without Slycot (extra: robust).
+    if all of the scene's excitation moves the ground; in addition each sensor has noise, over its
+    channel's scale. Measured are the channels of the carriage. Raise `DesignError` if there is no
+    force, it is commanded by its rate or costs nothing, nothing of the carriage is observed, or no
+    controller exists: the force does not stabilise what the cost shows, or the sensors do not show
+    it; `gymnasium.error.DependencyNotInstalled` without Slycot (extra: robust).
 
     Notes
     -----
@@ -81,7 +87,7 @@ def design_h_infinity(scene: Scene) -> HInfinityDesign:
     """
     force_weight(scene)
     system, measured = _plant(scene)
-    generalised = _generalised(scene, system, measured)
+    generalised = _generalised(scene, system, measured, noise)
     count = len(measured)
     require_detectable(generalised.A, generalised.C[-count:])
     unreached = hidden_mode(generalised.A.T, generalised.B[:, -1:].T)
@@ -164,14 +170,14 @@ def _plant(scene: Scene) -> tuple[LinearSystem, list[str]]:
     return plant.state_space(inputs, [*STATES, *measured], sampled=True).controllable(), measured
 
 
-def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Matrices:
+def _generalised(scene: Scene, system: LinearSystem, measured: list[str], least: float) -> Matrices:
     """Return the system from (disturbance, noise, force) to (costs, measurements)."""
     weight = np.sqrt(force_weight(scene))
     limit, count, size = Command(scene, "force").high, len(measured), len(system.A)
     is_ground = system.inputs[1].name == "ground"
     disturbed = limit / (nominal(scene, "carriage.mass") if is_ground else 1.0)
     scales, noise = (frame := Frame(scene, measured)).unit, frame.noise
-    noise = np.hypot(NOISE, noise / scales)
+    noise = np.hypot(least, noise / scales)
     weights, axes = np.linalg.eigh(state_weight(scene))
     kept = weights > 0.0
     costs = np.sqrt(weights[kept])[:, None] * axes[:, kept].T @ system.C[:4]
@@ -214,8 +220,8 @@ class HInfinity(Controller):
 
     name = "H-infinity"
 
-    def __init__(self, scene: Scene) -> None:
-        self.design = design_h_infinity(scene)
+    def __init__(self, scene: Scene, noise: float = NOISE) -> None:
+        self.design = design_h_infinity(scene, noise)
         self.correction = correction(self.design.controller)
         self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs[4:]])
 
@@ -231,6 +237,37 @@ class HInfinity(Controller):
         return action, {"state": state}
 
 
+class DetunedHInfinity(HInfinity):
+    """The H-infinity controller of other sizes of the force's weight and of the sensors' noise.
+
+    The worst frequency and the largest force are not what a scene disturbs and scores.
+    """
+
+    def __init__(self, scene: Scene, factor: float, noise: float) -> None:
+        weight = factor * scene.objective.effort_weight
+        super().__init__(scene.replace(**{"objective.effort_weight": weight}), noise)
+        self.name = f"H-infinity, effort weight times {factor:.2g}, noise {noise:.2g}"
+
+
+def best_detuned_h_infinity(scene: Scene) -> DetunedHInfinity:
+    """Search a factor of the force's weight over five decades, for each size of the noise."""
+    own = weighed(scene)
+
+    def best(noise: float) -> DetunedHInfinity:
+        return cheapest(scene, lambda e: DetunedHInfinity(own, 10.0**e, noise), EFFORTS)
+
+    return min(map(best, NOISES), key=lambda one: validation_cost(scene, one))
+
+
 ENTRIES = (
     regulator_entry("h-infinity", ("force",), HInfinity, 53, "further", label=HInfinity.name),
+    Entry(
+        "detuned-h-infinity",
+        ("force",),
+        best_detuned_h_infinity,
+        53,
+        "further",
+        "detuned H-infinity",
+        without_force,
+    ),
 )

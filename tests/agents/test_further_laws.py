@@ -148,7 +148,8 @@ def test_pages_of_the_tasks_score_them() -> None:
     pytest.importorskip("osqp")
     pytest.importorskip("slycot")
     names = [law.name for law in further_laws(CARRIAGE_FORCE)]
-    assert names == ["finite-horizon LQR", "linear MPC, 30 steps ahead", "H-infinity"]
+    assert names[:3] == ["finite-horizon LQR", "linear MPC, 30 steps ahead", "H-infinity"]
+    assert names[3:] == ["H-infinity, effort weight times 0.1, noise 0.3"]
     assert [law.name for law in further_laws(PRE_STRETCH)] == ["extremum seeking, gain 0.03"]
 
 
@@ -157,10 +158,12 @@ def test_commands_know_them_by_name() -> None:
         "finite-horizon-lqr": CARRIAGE_FORCE,
         "linear-mpc": CARRIAGE_FORCE,
         "h-infinity": CARRIAGE_FORCE,
+        "detuned-h-infinity": CARRIAGE_FORCE,
         "extremum-seeking": PRE_STRETCH,
     }
     made = {laws(scene)[name](scene).name for name, scene in named.items()}
     scored = [*further_laws(CARRIAGE_FORCE), *further_laws(PRE_STRETCH)]
     assert made == {law.name for law in scored}
     free = CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0})
+    named.pop("detuned-h-infinity")  # it brings a weight of its own
     assert not set(named) & set(laws(free))
