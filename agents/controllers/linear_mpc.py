@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, toeplitz
 from scipy.sparse import csc_matrix
 
-from agents.control.actuators import Command
+from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.scene import force_weight, nominal, plant_of, require_number
 from agents.control.trajectories import ends_of
-from agents.controllers.lqr import design, problem_of
+from agents.controllers.lqr import FED_BACK, lagging, problem_of, solved, without_lag
 from agents.controllers.registry import Entry, regulator_entry, unless, without_weight
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
@@ -91,22 +91,47 @@ class LinearMPC(Law):
     Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing, the
     motion has no weight, or the horizon is not allowed; `gymnasium.error.DependencyNotInstalled`
     without OSQP (extra: mpc).
+
+    Parameters
+    ----------
+    horizon
+        Control steps that are planned.
+    limits
+        Of the motion.
+    knows_lag
+        Whether the applied force is a state that follows the command with the scene's lag, as in
+        `LaggingLQR`; by default it is the command.
     """
 
-    def __init__(self, scene: Scene, horizon: int = 30, limits: Limits | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        horizon: int = 30,
+        limits: Limits | None = None,
+        *,
+        knows_lag: bool = False,
+    ) -> None:
         if not (isinstance(horizon, int) and 1 <= horizon <= MOST_STEPS):
             refuse("horizon", f"{horizon!r}", f"1 to {MOST_STEPS} control steps", DesignError)
         force_weight(scene)
         limits = limits or Limits()
         rows = limits.rows(scene)
-        self.states, a, b, cost = problem_of(scene, also=rows[:, :4])
+        problem, share = problem_of(scene, also=rows[:, :4]), 1.0
+        if knows_lag:
+            problem, share = lagging(scene, problem), float(Actuators(scene).lag_factor[0])
+        self.states, a, b, cost = problem
         command = Command(scene, "force")
         self.name, self.limit = f"linear MPC, {horizon} steps ahead", command.high
+        if knows_lag:
+            self.name += ", of plant and lag"
         if len(rows):
             self.name += ", within limits"
-        self.horizon, self.travel = horizon, command.travel / self.limit
+        # In a step the force goes a share of the way to its command, within its travel.
+        self.horizon, self.travel = horizon, command.travel / self.limit / share
+        self.left = (1.0 - share) ** np.arange(horizon)  # of what is applied now, before each step
+        ways = np.eye(horizon) - np.tril(toeplitz([0.0, *share * self.left[:-1]]))
         free, forced = _predicted(a, b * self.limit, horizon)
-        last = cost.state + _cost_to_go(scene, self.states)
+        last = cost.state + _cost_to_go(scene, self.states, knows_lag=knows_lag)
         weights = np.stack([cost.state] * (horizon - 1) + [last])
         both = np.einsum("kin,kij,kjm->nm", forced, weights, forced)
         slope = np.einsum("kin,kij,kjm->nm", forced, weights, free)
@@ -119,9 +144,11 @@ class LinearMPC(Law):
         self.slope, self.penalties = slope, np.full(size, 0.5 * limits.penalty)
         self.free = np.einsum("qi,kij->qkj", rows[:, self.states], free).reshape(size, len(a))
         moved = np.einsum("qi,kin->qkn", rows[:, self.states], forced)
-        moved += self.limit * rows[:, 4, None, None] * np.eye(horizon)
+        if not knows_lag:  # else it is a state
+            moved += self.limit * rows[:, 4, None, None] * np.eye(horizon)
         self.solver = _solver(
             block_diag(hessian, limits.penalty * np.eye(size)),
+            ways,
             moved.reshape(size, horizon),
             self._bounds(np.zeros(size)),
         )
@@ -134,7 +161,7 @@ class LinearMPC(Law):
         }
 
     def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
-        motion = state[:, self.states]
+        motion = np.hstack([state, applied])[:, self.states]
         slopes, drifts = motion @ self.slope.T, motion @ self.free.T
         plans, duals = memory["plan"].copy(), memory["dual"].copy()
         for lane, (slope, drift) in enumerate(zip(slopes, drifts, strict=True)):
@@ -155,7 +182,7 @@ class LinearMPC(Law):
         low = np.concatenate([-high, zero - inf, -1.0 - drift, zero])
         high = np.concatenate([high, 1.0 - drift, zero + inf, zero + inf])
         for bound in (low, high):
-            bound[size] += first  # the first move is from it
+            bound[size : 2 * size] += self.left * first
         return low, high
 
 
@@ -172,17 +199,22 @@ def _predicted(a: Array, b: Array, horizon: int) -> tuple[Array, Array]:
     return free, forced
 
 
-def _cost_to_go(scene: Scene, states: Sequence[int]) -> Array:
+def _cost_to_go(scene: Scene, states: Sequence[int], *, knows_lag: bool) -> Array:
     """Return P of the LQR behind the horizon, of these states; zero where there is none."""
-    whole = np.zeros((4, 4))
+    whole = np.zeros((len(FED_BACK), len(FED_BACK)))
     with suppress(DesignError):
-        found = design(scene)
+        problem = problem_of(scene)
+        found = solved(lagging(scene, problem) if knows_lag else problem)
         whole[np.ix_(found.states, found.states)] = found.cost - found.weight
     return whole[np.ix_(states, states)]
 
 
-def _solver(hessian: Array, moved: Array, bounds: tuple[Array, Array]) -> Any:  # noqa: ANN401 - of an optional package
-    """Return the program of forces and slacks; `moved` is what forces do to what is limited."""
+def _solver(hessian: Array, ways: Array, moved: Array, bounds: tuple[Array, Array]) -> Any:  # noqa: ANN401 - of an optional package
+    """Return the program of forces and slacks.
+
+    `ways` is what forces do to the way that is left to each command, and `moved` what they do to
+    what is limited.
+    """
     try:
         osqp = import_module("osqp")
     except ImportError as error:
@@ -193,7 +225,7 @@ def _solver(hessian: Array, moved: Array, bounds: tuple[Array, Array]) -> Any:  
     limits = np.block(
         [
             [np.eye(count), none],
-            [np.eye(count) - np.eye(count, k=-1), none],
+            [ways, none],
             [moved, -one],
             [moved, one],
             [none.T, one],
@@ -218,5 +250,14 @@ ENTRIES = (
         52,
         "further",
         refuses=lambda scene: _without_limits(scene) or without_weight(scene),
+    ),
+    Entry(
+        "lagging-mpc",
+        ("force",),
+        lambda scene: LinearMPC(scene, limits=Limits.of(scene), knows_lag=True),
+        52,
+        "further",
+        label="linear MPC of plant and lag",
+        refuses=without_lag,
     ),
 )

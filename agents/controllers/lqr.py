@@ -259,7 +259,8 @@ class LaggingLQR(Law):
         return fed_back @ (-self.design.gain.T / self.limit), memory
 
 
-def _without_lag(scene: Scene) -> str | None:
+def without_lag(scene: Scene) -> str | None:
+    """Return why a regulator of plant and lag does not apply to a scene, or None."""
     if nominal(scene, "actuation.force.lag") == 0.0:
         return "which knows how a force lags behind its command; actuation.force.lag: got 0"
     return without_weight(scene)
@@ -285,7 +286,7 @@ def with_constant_stretch(scene: Scene) -> Feedback:
 
 ENTRIES = (
     regulator_entry("lqr", ("force",), regulator, 10, label="LQR"),
-    Entry("lagging-lqr", ("force",), LaggingLQR, 17, label=LaggingLQR.name, refuses=_without_lag),
+    Entry("lagging-lqr", ("force",), LaggingLQR, 17, label=LaggingLQR.name, refuses=without_lag),
     regulator_entry(
         "lqr", ("force", "stretch"), with_constant_stretch, 30, label="LQR + constant stretch"
     ),

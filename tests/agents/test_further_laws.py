@@ -11,7 +11,7 @@ from agents.controllers.constant import no_control
 from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
 from agents.controllers.linear_mpc import LinearMPC
-from agents.controllers.lqr import LQR, design
+from agents.controllers.lqr import LQR, LaggingLQR, design
 from agents.controllers.registry import laws
 from agents.controllers.tuned import further_laws
 from agents.controllers.velocity_feedback import VelocityFeedback
@@ -107,6 +107,62 @@ def test_linear_mpc_is_optimal_within_limit_and_rate_limit() -> None:
     assert found[0, 0] == pytest.approx(best[0], abs=1e-3)
     assert best[0] == pytest.approx(-0.4, abs=1e-6)  # as fast as the rate allows
     assert cost(memory["plan"][0]) == pytest.approx(cost(best), rel=1e-4)
+
+
+def test_linear_mpc_of_plant_and_lag_is_the_regulator_that_knows_it() -> None:
+    pytest.importorskip("osqp")
+    scene = UNLIMITED.replace(**{"actuation.force.lag": 0.03})
+    generator = np.random.default_rng(1)
+    states = generator.normal(0.0, 1.0, (10, 4)) * (0.01, 0.02, 0.5, 0.5)
+    mpc, applied = LinearMPC(scene, knows_lag=True), generator.normal(0.0, 5.0, (10, 1))
+    found, _ = mpc.action(mpc.begin(10), states, applied)
+    expected, _ = LaggingLQR(scene).action({}, states, applied)
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+def test_linear_mpc_of_plant_and_lag_is_optimal_within_limit_and_rate_limit() -> None:
+    pytest.importorskip("osqp")
+    force = {"limit": 2.0, "rate_limit": 30.0, "lag": 0.02}
+    scene = CARRIAGE_FORCE.replace(**{"actuation.force": force})
+    steps, (a, b) = 8, compile_scene(scene).discrete()
+    solution, weight = LaggingLQR(scene).design, scene.objective.effort_weight
+    rows, share = list(solution.states), -np.expm1(-0.5)
+    mpc, state = LinearMPC(scene, steps, knows_lag=True), np.array([0.01, 0.0, 0.3, 0.1])
+
+    def motion(plan):
+        x, force = state, 0.2
+        for action in plan:
+            force += share * (2.0 * action - force)
+            x = a @ x + b[:, 0] * force
+            yield np.append(x, force)[rows]
+
+    def cost(plan):
+        total = weight * plan @ plan
+        for x in motion(plan):
+            total += x @ solution.weight @ x
+        return total + x @ (solution.cost - solution.weight) @ x
+
+    def moves(plan):  # of the force, by at most 0.3 N in a step
+        return np.diff([x[-1] for x in motion(plan)], prepend=0.2)
+
+    within = [{"type": "ineq", "fun": lambda p, s=s: 0.3 + s * moves(p)} for s in (1, -1)]
+    best = minimize(cost, np.zeros(steps), bounds=[(-1, 1)] * steps, constraints=within, tol=1e-12)
+    found, memory = mpc.action(mpc.begin(1), state[None], np.array([[0.2]]))
+    assert found[0, 0] == pytest.approx(best.x[0], abs=1e-3)
+    assert np.abs(moves(best.x)).max() == pytest.approx(0.3, abs=1e-6)  # the rate limit acts
+    assert cost(memory["plan"][0]) == pytest.approx(cost(best.x), rel=1e-4)
+
+
+def test_linear_mpc_that_knows_the_lag_costs_less_than_those_that_do_not() -> None:
+    pytest.importorskip("osqp")
+    scene = CARRIAGE_FORCE.replace(**{"actuation.force.lag": 0.03})
+    knows, does_not, unlimited = (
+        evaluate(scene, Feedback(scene, law), episodes=30).cost
+        for law in (LinearMPC(scene, knows_lag=True), LinearMPC(scene), LaggingLQR(scene))
+    )
+    assert knows < 0.97 * unlimited < 0.7 * does_not
+    assert "lagging-mpc" in laws(scene)
+    assert "lagging-mpc" not in laws(CARRIAGE_FORCE)
 
 
 def test_linear_mpc_is_no_worse_than_the_clipped_regulator() -> None:
