@@ -14,7 +14,7 @@ from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.kalman_filter import hidden_mode, solvable
-from agents.control.scene import STATES, force_weight, nominal, plant_of
+from agents.control.scene import STATES, drawn_but, force_weight, nominal, plant_of
 from agents.controllers.constant import Held
 from agents.controllers.registry import Entry, regulator_entry, without_weight
 from agents.controllers.searched import grid, searched
@@ -284,10 +284,47 @@ def with_constant_stretch(scene: Scene) -> Feedback:
     return searched(scene, lambda s: Both(LQR(scene, s), Held(scene, "stretch", s)), stretches)
 
 
+def with_constant_damping(scene: Scene) -> Feedback:
+    """Search the damping that is held next to the LQR of the plant with it."""
+    dampings = grid(scene, "damping")
+    return searched(
+        scene,
+        lambda damping: Both(LQR(held_damping(scene, damping)), Held(scene, "damping", damping)),
+        dampings,
+    )
+
+
+def held_damping(scene: Scene, damping: float) -> Scene:
+    """Return the scene of a force alone, in which the damper that is actuated has a damping."""
+    damped = str(scene.actuation.damped)
+    return scene.replace(
+        **{
+            "actuation.damping": None,
+            "randomization": drawn_but(scene, damped, "sensors.", "actuation.damping."),
+            "sensors": {},
+            damped: damping,
+        }
+    )
+
+
+def _without_weight_at_a_damping(scene: Scene) -> str | None:
+    damper = scene.actuation.damping
+    return without_weight(scene if damper is None else held_damping(scene, damper.minimum))
+
+
 ENTRIES = (
     regulator_entry("lqr", ("force",), regulator, 10, label="LQR"),
     Entry("lagging-lqr", ("force",), LaggingLQR, 17, label=LaggingLQR.name, refuses=without_lag),
     regulator_entry(
         "lqr", ("force", "stretch"), with_constant_stretch, 30, label="LQR + constant stretch"
+    ),
+    Entry(
+        "lqr",
+        ("force", "damping"),
+        with_constant_damping,
+        30,
+        label="LQR + constant damping",
+        refuses=_without_weight_at_a_damping,
+        told=True,
     ),
 )

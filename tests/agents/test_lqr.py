@@ -6,6 +6,7 @@ from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 from agents.controllers.lqr import LQR, LaggingLQR, design
 from agents.controllers.registry import laws, obstacle
+from agents.scoring import validation_cost
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene
 
 LONG = CARRIAGE_FORCE.replace(
@@ -143,3 +144,27 @@ def test_the_regulator_holds_a_bistable_carriage_on_its_hill() -> None:
         *_, info = env.step(law.action({}, info["state"], info["applied"])[0])
     # Alone the carriage would be in its well, at 10 mm.
     assert np.abs(info["state"][0, [0, 2]]).max() < 1e-5
+
+
+@pytest.mark.parametrize("of", ["interface", "carriage"])
+def test_it_holds_the_best_damping_where_there_is_a_damper_too(of: str) -> None:
+    scene = CARRIAGE_FORCE.replace(
+        springs={"kind": "linear", "stiffness": 100.0},
+        actuation={"force": {"limit": 1.0}, "damping": {"of": of, "minimum": 0.1}},
+        **{"control.steps": 100},
+    )
+    made = laws(scene)
+    found, constant = (
+        validation_cost(scene, made[name](scene)) for name in ("lqr", "best-constant")
+    )
+    assert found < 0.9 * constant
+    # Held at one damping it is the regulator of a plant that has this damping.
+    force, damper = made["lqr"](scene).law.laws
+    plain = CARRIAGE_FORCE.replace(
+        springs=scene.springs,
+        actuation={"force": {"limit": 1.0}},
+        **{f"{of}.damping": damper.value, "control.steps": 100},
+    )
+    np.testing.assert_allclose(force.design.gain, design(plain).gain, rtol=1e-12)
+    free = scene.replace(**{"objective.effort_weight": 0.0})
+    assert "effort_weight: got 0" in str(obstacle("lqr", free))

@@ -40,4 +40,4 @@ def test_controller_of_one_file_is_a_law_a_base_and_a_row() -> None:
 
 def test_names_are_unique_for_the_actuators() -> None:
     names = [(entry.name, entry.actuators) for entry in every_entry()]
-    assert len(names) == len(set(names)) == 54
+    assert len(names) == len(set(names)) == 55
