@@ -56,8 +56,9 @@ class SharedForce(ClippedOptimal):
     """Give the regulator's force by a damper and, for the rest, by the force in parallel with it.
 
     u = F - c r between the masses, with the damping c nearest to F / r: the damper gives what it
-    can, which costs no effort, and the force what is left, within its limit. The weight is of both
-    forces together. Raise `DesignError` if force and damping do not act between the same masses, or
+    can, which needs no power, and the force what is left, within its limit. The weight is of both
+    forces together; what `objective.effort_weight` makes a damping cost, which is an action too, is
+    left out. Raise `DesignError` if force and damping do not act between the same masses, or
     as for `lqr.design`.
     """
 
