@@ -12,16 +12,17 @@ from gymnasium.error import DependencyNotInstalled
 from scipy.linalg import block_diag, toeplitz
 from scipy.sparse import csc_matrix
 
-from agents.control.actuators import Actuators, Command
+from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.scene import force_weight, nominal, plant_of, require_number
 from agents.control.trajectories import ends_of
-from agents.controllers.lqr import FED_BACK, lagging, problem_of, solved, without_lag
+from agents.controllers.lqr import Quadratic, design, problem_of
 from agents.controllers.registry import Entry, regulator_entry, unless, without_weight
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
 from mm_gym.errors import refuse
 
+HORIZON = 30  # control steps that are planned, by default
 MOST_STEPS = 1000  # longest horizon; the matrices have the square of its size
 RHO = 0.1  # step size with which the solver begins
 
@@ -79,59 +80,45 @@ class Limits:
         return np.array(found).reshape(-1, 5)
 
 
-class LinearMPC(Law):
-    """Minimise the reward's quadratic cost over a horizon, within the force's limit and rate limit.
+class Program:
+    """The quadratic program of the forces of a horizon, of which the first is applied.
 
-    The forces of the horizon are the unknowns of a quadratic program, solved at each step; the
-    first is applied. Limits of the motion, by default none, add a slack for each step. Behind the
-    horizon stands the LQR's cost to go, where there is one. Rawlings, Mayne and Diehl, *Model
-    Predictive Control*, 2nd ed. (2017), chapter 1; Kerrigan and Maciejowski, *Soft constraints and
-    exact penalty functions in model predictive control*, UKACC Control Conf. (2000); Stellato et
-    al., *OSQP: an operator splitting solver for quadratic programs*, Math. Prog. Comp. 12 (2020).
-    Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing, the
-    motion has no weight, or the horizon is not allowed; `gymnasium.error.DependencyNotInstalled`
-    without OSQP (extra: mpc).
+    Kerrigan and Maciejowski, *Soft constraints and exact penalty functions in model predictive
+    control*, UKACC Control Conf. (2000); Stellato et al., *OSQP: an operator splitting solver for
+    quadratic programs*, Math. Prog. Comp. 12 (2020).
 
     Parameters
     ----------
-    horizon
-        Control steps that are planned.
-    limits
-        Of the motion.
-    knows_lag
-        Whether the applied force is a state that follows the command with the scene's lag, as in
-        `LaggingLQR`; by default it is the command.
+    a, b, cost
+        Of a step of the states that are planned; the cost is of the state at its end and of the
+        force that is commanded in it.
+    last
+        (n, n): weight of the state at the horizon's end.
+    rows
+        (q, n + 1): what is limited, over its limit, by the state and the commanded force [N].
+    share
+        Of the way to its command, that a force goes in a step within its travel.
     """
 
     def __init__(
         self,
         scene: Scene,
-        horizon: int = 30,
-        limits: Limits | None = None,
+        a: Array,
+        b: Array,
+        cost: Quadratic,
         *,
-        knows_lag: bool = False,
+        last: Array,
+        rows: Array,
+        share: float,
+        horizon: int,
+        penalty: float = PENALTY,
     ) -> None:
-        if not (isinstance(horizon, int) and 1 <= horizon <= MOST_STEPS):
-            refuse("horizon", f"{horizon!r}", f"1 to {MOST_STEPS} control steps", DesignError)
-        force_weight(scene)
-        limits = limits or Limits()
-        rows = limits.rows(scene)
-        problem, share = problem_of(scene, also=rows[:, :4]), 1.0
-        if knows_lag:
-            problem, share = lagging(scene, problem), float(Actuators(scene).lag_factor[0])
-        self.states, a, b, cost = problem
         command = Command(scene, "force")
-        self.name, self.limit = f"linear MPC, {horizon} steps ahead", command.high
-        if knows_lag:
-            self.name += ", of plant and lag"
-        if len(rows):
-            self.name += ", within limits"
-        # In a step the force goes a share of the way to its command, within its travel.
-        self.horizon, self.travel = horizon, command.travel / self.limit / share
+        self.limit, self.horizon = command.high, horizon
+        self.travel = command.travel / self.limit / share
         self.left = (1.0 - share) ** np.arange(horizon)  # of what is applied now, before each step
         ways = np.eye(horizon) - np.tril(toeplitz([0.0, *share * self.left[:-1]]))
         free, forced = _predicted(a, b * self.limit, horizon)
-        last = cost.state + _cost_to_go(scene, self.states, knows_lag=knows_lag)
         weights = np.stack([cost.state] * (horizon - 1) + [last])
         both = np.einsum("kin,kij,kjm->nm", forced, weights, forced)
         slope = np.einsum("kin,kij,kjm->nm", forced, weights, free)
@@ -141,13 +128,12 @@ class LinearMPC(Law):
         slope += self.limit * np.einsum("i,kij->kj", cost.cross[:, 0], free)
         # Each limited quantity of each step has a slack, in units of its limit.
         size = len(rows) * horizon
-        self.slope, self.penalties = slope, np.full(size, 0.5 * limits.penalty)
-        self.free = np.einsum("qi,kij->qkj", rows[:, self.states], free).reshape(size, len(a))
-        moved = np.einsum("qi,kin->qkn", rows[:, self.states], forced)
-        if not knows_lag:  # else it is a state
-            moved += self.limit * rows[:, 4, None, None] * np.eye(horizon)
+        self.slope, self.penalties = slope, np.full(size, 0.5 * penalty)
+        self.free = np.einsum("qi,kij->qkj", rows[:, :-1], free).reshape(size, len(a))
+        moved = np.einsum("qi,kin->qkn", rows[:, :-1], forced)
+        moved += self.limit * rows[:, -1, None, None] * np.eye(horizon)
         self.solver = _solver(
-            block_diag(hessian, limits.penalty * np.eye(size)),
+            block_diag(hessian, penalty * np.eye(size)),
             ways,
             moved.reshape(size, horizon),
             self._bounds(np.zeros(size)),
@@ -160,12 +146,12 @@ class LinearMPC(Law):
             "dual": np.zeros((lanes, 2 * self.horizon + 3 * slacks)),
         }
 
-    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
-        motion = np.hstack([state, applied])[:, self.states]
-        slopes, drifts = motion @ self.slope.T, motion @ self.free.T
+    def first(self, memory: Memory, state: Array, applied: Array) -> Acted:
+        """Return the first forces (lanes, 1) over their limit, from what is applied (lanes,)."""
+        slopes, drifts = state @ self.slope.T, state @ self.free.T
         plans, duals = memory["plan"].copy(), memory["dual"].copy()
         for lane, (slope, drift) in enumerate(zip(slopes, drifts, strict=True)):
-            low, high = self._bounds(drift, applied[lane, 0] / self.limit)
+            low, high = self._bounds(drift, applied[lane] / self.limit)
             self.solver.update(q=np.concatenate([slope, self.penalties]), l=low, u=high)
             blocks = plans[lane].reshape(-1, self.horizon)
             x = np.concatenate([blocks[:, 1:], blocks[:, -1:]], axis=1).ravel()
@@ -186,6 +172,51 @@ class LinearMPC(Law):
         return low, high
 
 
+class LinearMPC(Law):
+    """Minimise the reward's quadratic cost over a horizon, within the force's limit and rate limit.
+
+    The forces of the horizon are the unknowns of a quadratic program, solved at each step; the
+    first is applied. Limits of the motion, by default none, add a slack for each step. Behind the
+    horizon stands the LQR's cost to go, where there is one. Rawlings, Mayne and Diehl, *Model
+    Predictive Control*, 2nd ed. (2017), chapter 1. Raise `DesignError` if there is no force, it is
+    commanded by its rate or costs nothing, the motion has no weight, or the horizon is not allowed;
+    `gymnasium.error.DependencyNotInstalled` without OSQP (extra: mpc).
+
+    Parameters
+    ----------
+    horizon
+        Control steps that are planned.
+    limits
+        Of the motion.
+    """
+
+    def __init__(self, scene: Scene, horizon: int = HORIZON, limits: Limits | None = None) -> None:
+        if not (isinstance(horizon, int) and 1 <= horizon <= MOST_STEPS):
+            refuse("horizon", f"{horizon!r}", f"1 to {MOST_STEPS} control steps", DesignError)
+        force_weight(scene)
+        limits = limits or Limits()
+        rows = limits.rows(scene)
+        self.states, a, b, cost = problem_of(scene, also=rows[:, :4])
+        self.name = f"linear MPC, {horizon} steps ahead"
+        if len(rows):
+            self.name += ", within limits"
+        self.program = Program(
+            scene,
+            a,
+            b,
+            cost,
+            last=cost.state + _cost_to_go(scene, self.states),
+            rows=np.column_stack([rows[:, self.states], rows[:, 4]]),
+            share=1.0,
+            horizon=horizon,
+            penalty=limits.penalty,
+        )
+        self.begin = self.program.begin
+
+    def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
+        return self.program.first(memory, state[:, self.states], applied[:, 0])
+
+
 def _predicted(a: Array, b: Array, horizon: int) -> tuple[Array, Array]:
     """Return the states of the steps to come: (k, n, n) times the state, (k, n, k) the forces."""
     size = len(a)
@@ -199,12 +230,11 @@ def _predicted(a: Array, b: Array, horizon: int) -> tuple[Array, Array]:
     return free, forced
 
 
-def _cost_to_go(scene: Scene, states: Sequence[int], *, knows_lag: bool) -> Array:
+def _cost_to_go(scene: Scene, states: Sequence[int]) -> Array:
     """Return P of the LQR behind the horizon, of these states; zero where there is none."""
-    whole = np.zeros((len(FED_BACK), len(FED_BACK)))
+    whole = np.zeros((4, 4))
     with suppress(DesignError):
-        problem = problem_of(scene)
-        found = solved(lagging(scene, problem) if knows_lag else problem)
+        found = design(scene)
         whole[np.ix_(found.states, found.states)] = found.cost - found.weight
     return whole[np.ix_(states, states)]
 
@@ -250,14 +280,5 @@ ENTRIES = (
         52,
         "further",
         refuses=lambda scene: _without_limits(scene) or without_weight(scene),
-    ),
-    Entry(
-        "lagging-mpc",
-        ("force",),
-        lambda scene: LinearMPC(scene, limits=Limits.of(scene), knows_lag=True),
-        52,
-        "further",
-        label="linear MPC of plant and lag",
-        refuses=without_lag,
     ),
 )

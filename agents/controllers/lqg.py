@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import control
 import numpy as np
 
-from agents.control.actuators import Command
+from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
 from agents.control.kalman_filter import (
     UNMODELLED,
@@ -224,6 +224,36 @@ class LQG(Controller):
         return {**memory, "estimate": estimate}
 
 
+class ReachedLQG(LQG):
+    """The LQG whose filter predicts with the force that its limits let the actuator reach.
+
+    Parameters
+    ----------
+    effort
+        Factor of the force's weight in the reward.
+    """
+
+    def __init__(self, scene: Scene, effort: float, unmodelled: float) -> None:
+        weight = effort * scene.objective.effort_weight
+        changes = {"actuation.force.command": "position", "objective.effort_weight": weight}
+        self.designed = scene.replace(**changes)
+        super().__init__(self.designed, unmodelled)
+        self.actuators, self.command = Actuators(scene), Command(scene, "force")
+        self.share = float(self.actuators.lag_factor[0])
+
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        still = np.zeros((env.num_envs, 1))
+        return {**super().begin(env), "applied": still, "asked": still}
+
+    def note(self, memory: Memory, action: Array) -> Memory:
+        before, system = memory["applied"], self.design.system
+        applied, asked = self.actuators.reached(action, before, memory["asked"])
+        # The command that a force without rate limit would follow to the same value.
+        force = before + (applied - before) / self.share
+        estimate = memory["estimate"] @ system.A.T + force * system.B[:, 0]
+        return {**memory, "estimate": estimate, "applied": applied, "asked": asked}
+
+
 class DetunedLQG(LQG):
     """The LQG of other sizes of the force's weight and of what is unmodelled.
 
@@ -235,6 +265,7 @@ class DetunedLQG(LQG):
     def __init__(self, scene: Scene, factor: float, unmodelled: float = UNMODELLED) -> None:
         weight = factor * scene.objective.effort_weight
         super().__init__(scene.replace(**{"objective.effort_weight": weight}), unmodelled)
+        self.effort, self.unmodelled = factor, unmodelled
         self.name = f"LQG, effort weight times {factor:.2g}, unmodelled {unmodelled:.2g}"
 
 

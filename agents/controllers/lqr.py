@@ -259,8 +259,7 @@ class LaggingLQR(Law):
         return fed_back @ (-self.design.gain.T / self.limit), memory
 
 
-def without_lag(scene: Scene) -> str | None:
-    """Return why a regulator of plant and lag does not apply to a scene, or None."""
+def _without_lag(scene: Scene) -> str | None:
     if nominal(scene, "actuation.force.lag") == 0.0:
         return "which knows how a force lags behind its command; actuation.force.lag: got 0"
     return without_weight(scene)
@@ -314,7 +313,7 @@ def _without_weight_at_a_damping(scene: Scene) -> str | None:
 
 ENTRIES = (
     regulator_entry("lqr", ("force",), regulator, 10, label="LQR"),
-    Entry("lagging-lqr", ("force",), LaggingLQR, 17, label=LaggingLQR.name, refuses=without_lag),
+    Entry("lagging-lqr", ("force",), LaggingLQR, 17, label=LaggingLQR.name, refuses=_without_lag),
     regulator_entry(
         "lqr", ("force", "stretch"), with_constant_stretch, 30, label="LQR + constant stretch"
     ),

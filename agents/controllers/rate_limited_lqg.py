@@ -5,13 +5,12 @@ from itertools import product
 import control
 import numpy as np
 
-from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Info, Memory, Observation
 from agents.control.kalman_filter import solvable, state_units
 from agents.control.scene import plant_of
 from agents.controllers.lqg import (
     DISTURBANCES,
-    LQG,
+    ReachedLQG,
     regulated_part,
     weighed,
     without_force,
@@ -19,7 +18,7 @@ from agents.controllers.lqg import (
 from agents.controllers.registry import Entry
 from agents.controllers.searched import cheapest
 from agents.scoring import validation_cost
-from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
+from mm_gym import DesignError, LinearSystem, Scene
 from mm_gym.arrays import Array
 
 DECADES = np.array([-1.0, 0.0, 1.0])
@@ -27,13 +26,12 @@ DECADES = np.array([-1.0, 0.0, 1.0])
 """
 
 
-class RateLimitedLQG(LQG):
+class RateLimitedLQG(ReachedLQG):
     """The LQG whose regulator weighs how fast the force changes, and whose filter knows the limit.
 
     The applied force is a state, and the way d that is left to the command is the input. So what a
     rate limit keeps a force from doing is hardly asked for. Rawlings, Mayne and Diehl, *Model
-    Predictive Control*, 2nd ed. (2017), chapter 1. The filter predicts with the force that the rate
-    limit lets the actuator reach. Raise `DesignError` as for `lqg.design_lqg`.
+    Predictive Control*, 2nd ed. (2017), chapter 1. Raise `DesignError` as for `lqg.design_lqg`.
 
     Parameters
     ----------
@@ -44,38 +42,18 @@ class RateLimitedLQG(LQG):
     """
 
     def __init__(self, scene: Scene, effort: float, rate: float, unmodelled: float) -> None:
-        of_force = scene.objective.effort_weight
-        position = scene.replace(
-            **{
-                "actuation.force.command": "position",
-                "objective.effort_weight": effort * of_force,
-            }
-        )
-        super().__init__(position, unmodelled)
+        super().__init__(scene, effort, unmodelled)
         self.effort = effort
         self.name = f"rate-limited LQG, weights times {effort:.2g} and {rate:.2g}"
-        self.actuators, self.command = Actuators(scene), Command(scene, "force")
-        self.share = float(self.actuators.lag_factor[0])
-        of_rate = rate * of_force * (self.share / self.command.travel) ** 2
-        self.of_state, self.of_force = _gain(position, self.design.system, of_rate, self.limit)
-
-    def begin(self, env: MovingMassVectorEnv) -> Memory:
-        still = np.zeros((env.num_envs, 1))
-        return {**super().begin(env), "applied": still, "asked": still}
+        of_rate = rate * scene.objective.effort_weight * (self.share / self.command.travel) ** 2
+        found = _gain(self.designed, self.design.system, of_rate, self.limit)
+        self.of_state, self.of_force = found
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         memory = self.corrected(memory, observation)
         applied, asked = (memory[name][:, 0] for name in ("applied", "asked"))
         force = (1.0 - self.of_force) * applied - memory["estimate"] @ self.of_state
         return self.command(force, asked), memory
-
-    def note(self, memory: Memory, action: Array) -> Memory:
-        before, system = memory["applied"], self.design.system
-        applied, asked = self.actuators.reached(action, before, memory["asked"])
-        # The command that a force without rate limit would follow to the same value.
-        force = before + (applied - before) / self.share
-        estimate = memory["estimate"] @ system.A.T + force * system.B[:, 0]
-        return {**memory, "estimate": estimate, "applied": applied, "asked": asked}
 
 
 def _gain(scene: Scene, system: LinearSystem, rate: float, limit: float) -> tuple[Array, float]:

@@ -10,8 +10,8 @@ from agents.control.feedback import Feedback, TrueState
 from agents.controllers.constant import no_control
 from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
-from agents.controllers.linear_mpc import LinearMPC
-from agents.controllers.lqr import LQR, LaggingLQR, design
+from agents.controllers.linear_mpc import LinearMPC, Program
+from agents.controllers.lqr import LQR, LaggingLQR, design, lagging, problem_of
 from agents.controllers.registry import laws
 from agents.controllers.tuned import further_laws
 from agents.controllers.velocity_feedback import VelocityFeedback
@@ -109,25 +109,35 @@ def test_linear_mpc_is_optimal_within_limit_and_rate_limit() -> None:
     assert cost(memory["plan"][0]) == pytest.approx(cost(best), rel=1e-4)
 
 
-def test_linear_mpc_of_plant_and_lag_is_the_regulator_that_knows_it() -> None:
+def lagging_program(scene, solution, steps):
+    states, a, b, cost = lagging(scene, problem_of(scene))
+    assert states == solution.states
+    none = np.zeros((0, len(a) + 1))
+    share = float(-np.expm1(-scene.control.time_step / scene.actuation.force.lag))
+    return Program(scene, a, b, cost, last=solution.cost, rows=none, share=share, horizon=steps)
+
+
+def test_plan_of_plant_and_lag_is_that_of_the_regulator_that_knows_it() -> None:
     pytest.importorskip("osqp")
     scene = UNLIMITED.replace(**{"actuation.force.lag": 0.03})
     generator = np.random.default_rng(1)
     states = generator.normal(0.0, 1.0, (10, 4)) * (0.01, 0.02, 0.5, 0.5)
-    mpc, applied = LinearMPC(scene, knows_lag=True), generator.normal(0.0, 5.0, (10, 1))
-    found, _ = mpc.action(mpc.begin(10), states, applied)
-    expected, _ = LaggingLQR(scene).action({}, states, applied)
+    law, applied = LaggingLQR(scene), generator.normal(0.0, 5.0, (10, 1))
+    program = lagging_program(scene, law.design, 30)
+    seen = np.hstack([states, applied])[:, law.design.states]
+    found, _ = program.first(program.begin(10), seen, applied[:, 0])
+    expected, _ = law.action({}, states, applied)
     np.testing.assert_allclose(found, expected, atol=2e-5)
 
 
-def test_linear_mpc_of_plant_and_lag_is_optimal_within_limit_and_rate_limit() -> None:
+def test_plan_of_plant_and_lag_is_optimal_within_limit_and_rate_limit() -> None:
     pytest.importorskip("osqp")
     force = {"limit": 2.0, "rate_limit": 30.0, "lag": 0.02}
     scene = CARRIAGE_FORCE.replace(**{"actuation.force": force})
     steps, (a, b) = 8, compile_scene(scene).discrete()
     solution, weight = LaggingLQR(scene).design, scene.objective.effort_weight
     rows, share = list(solution.states), -np.expm1(-0.5)
-    mpc, state = LinearMPC(scene, steps, knows_lag=True), np.array([0.01, 0.0, 0.3, 0.1])
+    program, state = lagging_program(scene, solution, steps), np.array([0.01, 0.0, 0.3, 0.1])
 
     def motion(plan):
         x, force = state, 0.2
@@ -147,22 +157,11 @@ def test_linear_mpc_of_plant_and_lag_is_optimal_within_limit_and_rate_limit() ->
 
     within = [{"type": "ineq", "fun": lambda p, s=s: 0.3 + s * moves(p)} for s in (1, -1)]
     best = minimize(cost, np.zeros(steps), bounds=[(-1, 1)] * steps, constraints=within, tol=1e-12)
-    found, memory = mpc.action(mpc.begin(1), state[None], np.array([[0.2]]))
+    begun, seen = np.array([0.2]), np.append(state, 0.2)[None, rows]
+    found, memory = program.first(program.begin(1), seen, begun)
     assert found[0, 0] == pytest.approx(best.x[0], abs=1e-3)
     assert np.abs(moves(best.x)).max() == pytest.approx(0.3, abs=1e-6)  # the rate limit acts
     assert cost(memory["plan"][0]) == pytest.approx(cost(best.x), rel=1e-4)
-
-
-def test_linear_mpc_that_knows_the_lag_costs_less_than_those_that_do_not() -> None:
-    pytest.importorskip("osqp")
-    scene = CARRIAGE_FORCE.replace(**{"actuation.force.lag": 0.03})
-    knows, does_not, unlimited = (
-        evaluate(scene, Feedback(scene, law), episodes=30).cost
-        for law in (LinearMPC(scene, knows_lag=True), LinearMPC(scene), LaggingLQR(scene))
-    )
-    assert knows < 0.97 * unlimited < 0.7 * does_not
-    assert "lagging-mpc" in laws(scene)
-    assert "lagging-mpc" not in laws(CARRIAGE_FORCE)
 
 
 def test_linear_mpc_is_no_worse_than_the_clipped_regulator() -> None:
@@ -204,8 +203,13 @@ def test_pages_of_the_tasks_score_them() -> None:
     pytest.importorskip("osqp")
     pytest.importorskip("slycot")
     names = [law.name for law in further_laws(CARRIAGE_FORCE)]
-    assert names[:3] == ["finite-horizon LQR", "linear MPC, 30 steps ahead", "H-infinity"]
-    assert names[3:] == ["H-infinity, effort weight times 0.1, noise 0.3"]
+    assert names == [
+        "finite-horizon LQR",
+        "linear MPC, 30 steps ahead",
+        "predictive LQG, effort weight times 1, unmodelled 0.001",
+        "H-infinity",
+        "H-infinity, effort weight times 0.1, noise 0.3",
+    ]
     assert [law.name for law in further_laws(PRE_STRETCH)] == ["extremum seeking, gain 0.03"]
 
 
@@ -213,6 +217,7 @@ def test_commands_know_them_by_name() -> None:
     named = {
         "finite-horizon-lqr": CARRIAGE_FORCE,
         "linear-mpc": CARRIAGE_FORCE,
+        "predictive-lqg": CARRIAGE_FORCE,
         "h-infinity": CARRIAGE_FORCE,
         "detuned-h-infinity": CARRIAGE_FORCE,
         "extremum-seeking": PRE_STRETCH,
@@ -221,5 +226,6 @@ def test_commands_know_them_by_name() -> None:
     scored = [*further_laws(CARRIAGE_FORCE), *further_laws(PRE_STRETCH)]
     assert made == {law.name for law in scored}
     free = CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0})
-    named.pop("detuned-h-infinity")  # it brings a weight of its own
+    for name in ("detuned-h-infinity", "predictive-lqg"):  # they bring a weight of their own
+        named.pop(name)
     assert not set(named) & set(laws(free))

@@ -1,0 +1,100 @@
+"""Linear predictive control on the LQG's estimate: of plant, actuator and excitation."""
+
+import numpy as np
+
+from agents.control.controller import Acted, Info, Memory, Observation, joined, part
+from agents.control.kalman_filter import told_by
+from agents.control.scene import STATES, plant_of
+from agents.controllers.linear_mpc import HORIZON, Limits, Program
+from agents.controllers.lqg import (
+    ReachedLQG,
+    best_detuned_lqg,
+    regulated_part,
+    regulator,
+    weighed,
+    without_force,
+)
+from agents.controllers.lqr import Quadratic
+from agents.controllers.registry import Entry
+from agents.scoring import validation_cost
+from mm_gym import MovingMassVectorEnv, Scene
+
+
+class PredictiveLQG(ReachedLQG):
+    """Plan the force within its limits, from all that the LQG's filter tells.
+
+    A horizon of the LQG's cost is a quadratic program, behind which stands the LQG's cost to go. So
+    it is the LQG as long as no limit matters, and else looks ahead to it. It knows the lag of the
+    force, the delay of the sensors and what the excitation's filters tell of the disturbance to
+    come. Motions that end an episode are limits as of `LinearMPC`. Rawlings, Mayne and Diehl,
+    *Model Predictive Control*, 2nd ed. (2017), chapters 1 and 5. Raise `DesignError` as for
+    `lqg.design_lqg`; `gymnasium.error.DependencyNotInstalled` without OSQP (extra: mpc).
+    """
+
+    def __init__(self, scene: Scene, effort: float, unmodelled: float) -> None:
+        super().__init__(scene, effort, unmodelled)
+        self.name = f"predictive LQG, effort weight times {effort:.2g}, unmodelled {unmodelled:.2g}"
+        limits, system, plant = Limits.of(scene), self.design.system, plant_of(self.designed)
+        names = [signal.name for signal in system.states]
+        rows = limits.rows(scene)
+        limited, commanded = np.zeros((len(rows), len(names))), rows[:, 4]
+        limited[:, [names.index(name) for name in STATES]] = rows[:, :4]
+        if "force" in names:
+            limited[:, names.index("force")], commanded = commanded, 0.0 * commanded
+        regulated, _, _, own = regulated_part(plant, self.designed, None, system)
+        planned = told_by(system.A, (limited != 0.0).any(axis=0))
+        planned[list(regulated)] = True
+        self.planned = np.flatnonzero(planned)
+        inside, both = np.ix_(regulated, regulated), np.ix_(self.planned, self.planned)
+        state, last, cross = (
+            np.zeros_like(system.A),
+            np.zeros_like(system.A),
+            np.zeros((len(names), 1)),
+        )
+        state[inside], cross[list(regulated)] = own.state, own.cross
+        last[inside] = regulator(plant, self.designed, None, system)[2]
+        self.program = Program(
+            scene,
+            system.A[both],
+            system.B[self.planned],
+            Quadratic(state[both], cross[self.planned], own.force),
+            last=last[both],
+            rows=np.column_stack([limited[:, self.planned], commanded]),
+            share=self.share,
+            horizon=HORIZON,
+            penalty=limits.penalty,
+        )
+
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        return {**super().begin(env), **joined(program=self.program.begin(env.num_envs))}
+
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        memory = self.corrected(memory, observation)
+        planned, applied = memory["estimate"][:, self.planned], memory["applied"][:, 0]
+        force, own = self.program.first(part(memory, "program"), planned, applied)
+        return np.clip(force, -1.0, 1.0), {**memory, **joined(program=own)}
+
+
+def best_predictive_lqg(scene: Scene) -> PredictiveLQG:
+    """Search the force's weight between the reward's and that of the best LQG.
+
+    It needs to be cautious where limits come beyond the horizon, but less than an LQG, which knows
+    no limit.
+    """
+    own, best = weighed(scene), best_detuned_lqg(scene)
+    efforts = {best.effort**share for share in (0.0, 0.5, 1.0)}
+    found = [PredictiveLQG(own, effort, best.unmodelled) for effort in efforts]
+    return min(found, key=lambda one: validation_cost(scene, one))
+
+
+ENTRIES = (
+    Entry(
+        "predictive-lqg",
+        ("force",),
+        best_predictive_lqg,
+        52,
+        "further",
+        "predictive LQG",
+        without_force,
+    ),
+)

@@ -1,0 +1,62 @@
+"""Is predictive control on the LQG's state the LQG, and better where limits matter?"""
+
+import pytest
+
+from agents.control.feedback import Feedback
+from agents.controllers.linear_mpc import LinearMPC
+from agents.controllers.lqg import DetunedLQG
+from agents.controllers.lqr import LaggingLQR
+from agents.controllers.predictive_lqg import PredictiveLQG
+from agents.controllers.registry import laws
+from agents.scoring import evaluate, validation_cost
+from mm_gym import load_scene
+
+pytest.importorskip("osqp")
+
+UNMODELLED = 1e-3
+QUARTER_CAR, TOWER = (
+    load_scene(f"configs/structures/{name}.toml") for name in ("quarter_car", "tower")
+)
+CARRIAGE_FORCE, DAMPER = (
+    load_scene(f"mm_gym/{name}-v0") for name in ("CarriageForce", "ActiveMassDamper")
+)
+FREE = QUARTER_CAR.replace(
+    **{"actuation.force.limit": 1e3 * QUARTER_CAR.actuation.force.limit},
+    **{"objective.effort_weight": 1e6 * QUARTER_CAR.objective.effort_weight},
+)
+LAGGING = CARRIAGE_FORCE.replace(**{"actuation.force.lag": 0.03})
+
+
+def test_it_is_the_lqg_while_no_limit_matters() -> None:
+    predictive, lqg = (
+        evaluate(FREE, one, episodes=5).cost
+        for one in (PredictiveLQG(FREE, 1.0, UNMODELLED), DetunedLQG(FREE, 1.0, UNMODELLED))
+    )
+    assert predictive == pytest.approx(lqg, rel=1e-3)  # the program is solved to 1e-6 of a force
+
+
+def test_it_knows_the_lag_and_the_limit() -> None:
+    knows = evaluate(LAGGING, PredictiveLQG(LAGGING, 1.0, UNMODELLED), episodes=30).cost
+    unlimited, prompt = (
+        evaluate(LAGGING, Feedback(LAGGING, law(LAGGING)), episodes=30).cost
+        for law in (LaggingLQR, LinearMPC)
+    )
+    assert knows < 0.97 * unlimited < 0.7 * prompt
+
+
+@pytest.mark.parametrize("scene", [QUARTER_CAR, TOWER], ids=["quarter car", "tower"])
+def test_plans_within_limits_cost_less_than_the_clipped_lqg(scene) -> None:
+    predictive, clipped = (
+        evaluate(scene, kind(scene, 1.0, UNMODELLED), episodes=20).cost
+        for kind in (PredictiveLQG, DetunedLQG)
+    )
+    assert predictive < 0.99 * clipped
+
+
+def test_it_keeps_off_the_rail_and_is_searched_by_name() -> None:
+    found = laws(DAMPER)["predictive-lqg"](DAMPER)
+    assert isinstance(found, PredictiveLQG)
+    assert len(found.program.penalties) > 0
+    assert validation_cost(DAMPER, found) < 0.95 * validation_cost(
+        DAMPER, laws(DAMPER)["detuned-lqg"](DAMPER)
+    )
