@@ -1,5 +1,7 @@
 """Linear predictive control on the LQG's estimate: of plant, actuator and excitation."""
 
+from contextlib import suppress
+
 import numpy as np
 
 from agents.control.controller import Acted, Info, Memory, Observation, joined, part
@@ -17,7 +19,7 @@ from agents.controllers.lqg import (
 from agents.controllers.lqr import Quadratic
 from agents.controllers.registry import Entry
 from agents.scoring import validation_cost
-from mm_gym import MovingMassVectorEnv, Scene
+from mm_gym import DesignError, MovingMassVectorEnv, Scene
 
 
 class PredictiveLQG(ReachedLQG):
@@ -83,7 +85,10 @@ def best_predictive_lqg(scene: Scene) -> PredictiveLQG:
     """
     own, best = weighed(scene), best_detuned_lqg(scene)
     efforts = {best.effort**share for share in (0.0, 0.5, 1.0)}
-    found = [PredictiveLQG(own, effort, best.unmodelled) for effort in efforts]
+    found: list[PredictiveLQG] = []
+    for effort in efforts:
+        with suppress(DesignError):  # the best LQG's own weight has a solution
+            found.append(PredictiveLQG(own, effort, best.unmodelled))
     return min(found, key=lambda one: validation_cost(scene, one))
 
 

@@ -124,8 +124,8 @@ def test_limits_are_of_the_scene_unless_stated() -> None:
     rail = scene.objective.rail_half_length
     assert Limits.of(scene) == Limits(displacement=KEPT * 0.02, stroke=KEPT * rail)
     found = laws(scene)["constrained-mpc"](scene)
-    assert found.law.free.shape[0] == 2 * 30
-    assert LinearMPC(scene, limits=Limits(coupling_force=2.0)).free.shape[0] == 30
+    assert found.law.program.free.shape[0] == 2 * 30
+    assert LinearMPC(scene, limits=Limits(coupling_force=2.0)).program.free.shape[0] == 30
     assert found.name == "linear MPC, 30 steps ahead, within limits"
 
 

@@ -87,5 +87,5 @@ def test_sensors_that_do_not_show_the_state_are_refused() -> None:
     hidden = rigs.replace(
         randomization={}, **{"sensors.channels": ["stretch"], "sensors.noise": {}}
     )
-    with pytest.raises(DesignError, match=r"sensors\.channels: .* stretch"):
+    with pytest.raises(DesignError, match=r"sensors\.channels: stretch"):
         WithObserver(hidden, specialist(NOISE))
