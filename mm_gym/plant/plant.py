@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mm_gym.arrays import Array
-from mm_gym.errors import CompileError, SceneError, finite_numbers, refuse
+from mm_gym.errors import CompileError, SceneError, as_array, refuse
 from mm_gym.excitation.kinds import FIRST
 from mm_gym.lanes import layout
 from mm_gym.law.springs import LINEAR
@@ -321,8 +321,8 @@ class Plant:
         middle = self.support.middle
         middle[layout.X1 : layout.V2 + 1] = 0.0
         if stretch is not None:
-            number = finite_numbers("stretch", stretch)
-            if number.shape or not number >= 1.0:
+            number = as_array("stretch", stretch)
+            if number.dtype.kind not in "fiu" or number.shape or not 1.0 <= float(number) < np.inf:
                 refuse("stretch", f"{stretch!r}", "a finite number of at least 1")
             if layout.STRETCH not in self.support.names.values():
                 kind = "linear" if middle[layout.STRETCH] == LINEAR else "none"
