@@ -76,9 +76,7 @@ class KalmanState(ObservedActuators):
     def _nearest(self, applied: Array) -> NDArray[np.intp]:
         if not self.tunes:
             return np.zeros(len(applied), np.intp)
-        k = self.tunes[0]
-        low, high = self.actuators.low[k], self.actuators.high[k]
-        return np.rint((applied[:, k] - low) / (high - low) * (POINTS - 1)).astype(np.intp)
+        return self.nearest(applied, self.tunes[0], POINTS)
 
 
 def _at_once(scene: Scene) -> Scene:

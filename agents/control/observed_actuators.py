@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
 from agents.control.controller import Info, Memory, Observation, Read, StateSource, chosen
@@ -101,6 +102,12 @@ class ObservedActuators(StateSource):
     def observed(self, state: Array) -> tuple[list[int], Array]:
         """Return the channels that show the motion, and what they show of states (lanes, 4)."""
         return self.shown, state @ self.c.T / self.unit
+
+    def nearest(self, applied: Array, column: int, points: int) -> NDArray[np.intp]:
+        """Return which of evenly spaced values of an actuator is the nearest to what it has."""
+        low, high = self.actuators.low[column], self.actuators.high[column]
+        share = (applied[:, column] - low) / (high - low)
+        return np.rint(share * (points - 1)).astype(np.intp)
 
     def _seen(self, memory: Memory, frame: Array) -> Memory:
         """Count a frame; the first shows the stretch or the damping with which episodes begin."""

@@ -133,12 +133,9 @@ class ObservedState(ObservedActuators):
         return [float(s) for s in np.linspace(actuator.minimum, actuator.maximum, STRETCHES)]
 
     def _nearest(self, applied: Array) -> NDArray[np.intp]:
-        actuator = self.scene.actuation.stretch
-        if actuator is None:
+        if self.scene.actuation.stretch is None:
             return np.zeros(len(applied), np.intp)
-        stretch = applied[:, self.scene.actuation.names.index("stretch")]
-        share = (stretch - actuator.minimum) / (actuator.maximum - actuator.minimum)
-        return np.rint(share * (STRETCHES - 1)).astype(np.intp)
+        return self.nearest(applied, self.scene.actuation.names.index("stretch"), STRETCHES)
 
     def _gains(self) -> Array:
         plant = plant_of(self.scene)

@@ -11,19 +11,12 @@ from scipy.linalg import schur, solve_discrete_are
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Controller, Info, Memory, Observation
-from agents.control.kalman_filter import (
-    hidden_mode,
-    require_detectable,
-    solvable,
-    told_by,
-)
+from agents.control.kalman_filter import hidden_mode, require_detectable, solvable, told_by
 from agents.control.observed_actuators import Frame
 from agents.control.scene import STATES, force_weight, nominal, plant_of
-from agents.controllers.lqg import EFFORTS, weighed, without_force
+from agents.controllers.lqg import best_detuned, without_force
 from agents.controllers.lqr import state_weight
 from agents.controllers.registry import Entry, regulator_entry
-from agents.controllers.searched import cheapest
-from agents.scoring import validation_cost
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array
 
@@ -251,12 +244,7 @@ class DetunedHInfinity(HInfinity):
 
 def best_detuned_h_infinity(scene: Scene) -> DetunedHInfinity:
     """Search a factor of the force's weight over five decades, for each size of the noise."""
-    own = weighed(scene)
-
-    def best(noise: float) -> DetunedHInfinity:
-        return cheapest(scene, lambda e: DetunedHInfinity(own, 10.0**e, noise), EFFORTS)
-
-    return min(map(best, NOISES), key=lambda one: validation_cost(scene, one))
+    return best_detuned(scene, DetunedHInfinity, NOISES)
 
 
 ENTRIES = (

@@ -1,6 +1,6 @@
 """The linear-quadratic-Gaussian regulator (LQG): an LQR on a Kalman filter's estimate."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import control
@@ -33,14 +33,13 @@ from agents.controllers.registry import (
     unless,
     without_weight,
 )
-from agents.controllers.searched import cheapest
+from agents.controllers.searched import Designed, cheapest
 from agents.scoring import validation_cost
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
 from mm_gym.arrays import Array
 
 ROUND_OFF = 1e-12
 """Of a pole: a mode without decay that the force does not reach has one this near to 1."""
-
 
 EFFORTS = np.linspace(-1.0, 4.0, 6)  # exponents of what multiplies the weight of the force
 
@@ -52,7 +51,6 @@ how much of it is best."""
 DISTURBANCES = UNMODELLED, 1e-2, 0.1, 1.0
 """Sizes of what is unmodelled that are tried: with more the stationary filter is quicker, as an
 episode's first steps need it, and shows more noise."""
-
 
 REACTIONS = ("carriage_acceleration", "sphere_acceleration")  # what `reaction_weights` weighs
 
@@ -283,14 +281,21 @@ def without_force(scene: Scene) -> str | None:
     return without_weight(scene.replace(**{"objective.effort_weight": 1.0}))
 
 
-def best_detuned_lqg(scene: Scene) -> DetunedLQG:
-    """Search a factor of the force's weight over five decades, for each size of the unmodelled."""
+def best_detuned(
+    scene: Scene, make: Callable[[Scene, float, float], Designed], sizes: Iterable[float]
+) -> Designed:
+    """Search the controller of a scene, a factor of the force's weight and the best of sizes."""
     own = weighed(scene)
 
-    def best(unmodelled: float) -> DetunedLQG:
-        return cheapest(scene, lambda e: DetunedLQG(own, 10.0**e, unmodelled), EFFORTS)
+    def best(size: float) -> Designed:
+        return cheapest(scene, lambda e: make(own, 10.0**e, size), EFFORTS)
 
-    return min(map(best, DISTURBANCES), key=lambda one: validation_cost(scene, one))
+    return min(map(best, sizes), key=lambda one: validation_cost(scene, one))
+
+
+def best_detuned_lqg(scene: Scene) -> DetunedLQG:
+    """Search a factor of the force's weight over five decades, for each size of the unmodelled."""
+    return best_detuned(scene, DetunedLQG, DISTURBANCES)
 
 
 class WeightedLQG(LQG):

@@ -6,7 +6,7 @@ import numpy as np
 
 from agents.control.controller import Acted, Info, Memory, Observation, joined, part
 from agents.control.kalman_filter import told_by
-from agents.control.scene import STATES, plant_of
+from agents.control.scene import STATES, force_weight, plant_of
 from agents.controllers.linear_mpc import HORIZON, Limits, Program
 from agents.controllers.lqg import (
     ReachedLQG,
@@ -34,6 +34,7 @@ class PredictiveLQG(ReachedLQG):
     """
 
     def __init__(self, scene: Scene, effort: float, unmodelled: float) -> None:
+        force_weight(scene)  # not of a force that is commanded by its rate
         super().__init__(scene, effort, unmodelled)
         self.name = f"predictive LQG, effort weight times {effort:.2g}, unmodelled {unmodelled:.2g}"
         limits, system, plant = Limits.of(scene), self.design.system, plant_of(self.designed)

@@ -8,13 +8,7 @@ import numpy as np
 from agents.control.controller import Acted, Info, Memory, Observation
 from agents.control.kalman_filter import solvable, state_units
 from agents.control.scene import plant_of
-from agents.controllers.lqg import (
-    DISTURBANCES,
-    ReachedLQG,
-    regulated_part,
-    weighed,
-    without_force,
-)
+from agents.controllers.lqg import DISTURBANCES, ReachedLQG, regulated_part, weighed, without_force
 from agents.controllers.registry import Entry
 from agents.controllers.searched import cheapest
 from agents.scoring import validation_cost

@@ -9,7 +9,7 @@ from agents.controllers.lqr import LaggingLQR
 from agents.controllers.predictive_lqg import PredictiveLQG
 from agents.controllers.registry import laws
 from agents.scoring import evaluate, validation_cost
-from mm_gym import load_scene
+from mm_gym import DesignError, load_scene
 
 pytest.importorskip("osqp")
 
@@ -60,3 +60,10 @@ def test_it_keeps_off_the_rail_and_is_searched_by_name() -> None:
     assert validation_cost(DAMPER, found) < 0.95 * validation_cost(
         DAMPER, laws(DAMPER)["detuned-lqg"](DAMPER)
     )
+
+
+def test_force_that_is_commanded_by_its_rate_is_refused() -> None:
+    rated = TOWER.replace(**{"actuation.force.command": "rate"})
+    with pytest.raises(DesignError, match=r"actuation\.force\.command: got 'rate'"):
+        PredictiveLQG(rated, 1.0, UNMODELLED)
+    assert "predictive-lqg" not in laws(rated)
