@@ -67,26 +67,40 @@ def load_policy(path: str | Path) -> AnyPolicy:
 
     Raise `PolicyError` if the file is missing, too large, damaged, or no policy.
     """
+    return load_exported(path)[0]
+
+
+def load_exported(path: str | Path) -> tuple[AnyPolicy, Interface | None]:
+    """Read a policy with the interface in its file, None if there is none.
+
+    Raise `PolicyError` as `load_policy` does, or if the interface is of another size.
+    """
     try:
         content = read_bytes(path, most=LARGEST)
     except SceneError as error:
         raise PolicyError(str(error)) from None
     try:
-        return policy_in(content)
+        policy, description = policy_in(content), read_content(content)[0]
+        if "interface" not in description:
+            return policy, None
+        if not isinstance(described := description["interface"], dict):
+            refuse("interface", f"{described!r}", "a table", ValueError)
+        interface = Interface.of(described)
     except ValueError as error:
         told = "; ".join(str(error).splitlines())
         msg = f"{path}: not a policy that `train` wrote: {told}"
         raise PolicyError(msg) from None
+    policy.check(interface.observed, len(interface.commands), f"the interface in {path}")
+    return policy, interface
 
 
 def load_deployed(path: str | Path) -> Deployed:
     """Read an exported policy with the interface in its file; raise `PolicyError` without one."""
-    policy = load_policy(path)
-    description, _ = read_content(read_bytes(path, most=LARGEST))
-    if "interface" not in description:
+    policy, interface = load_exported(path)
+    if interface is None:
         msg = f"{path}: has no interface; `python -m agents export` with --task writes one"
         raise PolicyError(msg)
-    return Deployed(policy, Interface.of(description["interface"]))
+    return Deployed(policy, interface)
 
 
 def policy_in(content: bytes) -> AnyPolicy:

@@ -4,8 +4,8 @@ For example ``python -m agents export runs/first --out policy.c``. The ending of
 the format: ``.c`` is C99 for a microcontroller, which allocates nothing and needs no library but,
 for tanh, the mathematical one; ``.onnx`` is for any ONNX runtime; ``.safetensors`` for NumPy. The
 command prints the memory and the time that the C source needs. A run is exported with the scene's
-channels, actuators, units and scales, and so is a file or a named controller with ``--task``: the C
-source then has ``policy_act_si``, from SI units to SI units.
+channels, actuators, units and scales, and so is a controller or a file with ``--task``, or a file
+that was exported so: the C source then has ``policy_act_si``, from SI units to SI units.
 
 An agent around a controller is written together with it if the controller is linear in the
 observation. Otherwise the command says which action to pass in, and how to add the two, and the C
@@ -26,14 +26,16 @@ from agents.network.files import ENDINGS
 from agents.network.interface import Interface
 from agents.network.layers import Observer
 from agents.network.onnx import onnx_bytes
-from agents.policies import AnyPolicy, PolicyError, load_policy
+from agents.policies import AnyPolicy, PolicyError, load_exported, load_policy
 from agents.training.parts import trained_parts
 from agents.training.progress import read_ending
 from agents.training.runs import Run
 from agents.value_table.policy import TablePolicy
 from mm_gym import SceneError, load_scene
+from mm_gym.errors import refuse
 from mm_gym.files import check_outputs, write_bytes
 from mm_gym.tasks import task_or_scene
+from mm_gym.user_code import is_path
 
 WRITERS = {
     ".c": lambda policy, interface, comment: c_source(
@@ -52,12 +54,12 @@ class Arguments:
     """What to export."""
 
     policy: Annotated[Path, tyro.conf.Positional]
-    """folder of a finished run, runs/NAME, a policy's file, a controller's name with --task, or
-    with --trust a .zip archive of Stable-Baselines3's PPO"""
+    """folder of a finished run, runs/NAME, a policy's file, a controller's name or FILE.py:NAME
+    with --task, or with --trust a .zip archive of Stable-Baselines3's PPO"""
     out: Path = Path("policy.c")
     """the file to write; its ending is .c, .onnx or .safetensors"""
     task: str | None = None
-    """task or scene file of a controller or of a policy's file; a run has its own"""
+    """task or scene file of a controller, or of a policy's file that does not know its scene"""
     trust: bool = False
     """open an archive, and run a run's own base, although that can run any code"""
 
@@ -88,17 +90,39 @@ def read_exported(arguments: Arguments) -> Exported:
     Raise `PolicyError`, `RunError` or `SceneError` if there is none, or its base is code of the
     user's that is not trusted.
     """
-    path, trust = arguments.policy, arguments.trust
-    scene = None if arguments.task is None else load_scene(task_or_scene(arguments.task))
+    path, task, trust = arguments.policy, arguments.task, arguments.trust
     if path.is_dir():
+        if task is not None:
+            refuse("--task", f"{task!r} with the run {path}", "none: a run has its own scene")
         return _of_run(Run(path.name, path.parent), trust=trust)
-    if scene is not None and not path.suffix:
-        return Exported(controller_policy(str(path), scene), Interface.of_scene(scene))
-    policy = read_policy(path, trust=trust)
-    interface = None if scene is None else Interface.of_scene(scene)
-    if interface is not None:
-        policy.check(interface.observed, len(interface.commands))
+    name = str(path)
+    is_controller = is_path(name) or not (path.suffix or path.exists())
+    if task is None:
+        if is_controller:
+            msg = f"{name}: no such file; a controller needs --task"
+            raise PolicyError(msg)
+        return Exported(*_of_file(path, trust=trust))
+    scene = load_scene(task_or_scene(task))
+    interface = Interface.of_scene(scene)
+    if is_controller:
+        return Exported(controller_policy(name, scene), interface)
+    policy, known = _of_file(path, trust=trust)
+    policy.check(interface.observed, len(interface.commands))
+    if known not in (None, interface):
+        other = [
+            one for one in Interface.model_fields if getattr(known, one) != getattr(interface, one)
+        ]
+        refuse(
+            "--task",
+            f"{task!r}, which differs in {', '.join(other)} from the scene of {path}",
+            "none, or the scene that the file was exported for",
+        )
     return Exported(policy, interface)
+
+
+def _of_file(path: Path, *, trust: bool) -> tuple[AnyPolicy, Interface | None]:
+    """Return the policy of a file, with what the file says that it is connected to."""
+    return (read_policy(path, trust=trust), None) if path.suffix == ".zip" else load_exported(path)
 
 
 def _of_run(run: Run, *, trust: bool) -> Exported:

@@ -63,12 +63,12 @@ def residual(policy: Policy, gains: Array, authority: float) -> Policy:
 
 
 def controller_policy(name: str, scene: Scene) -> Policy:
-    """Return a controller of a scene, by its name, as a policy.
+    """Return a controller of a scene, by its name or FILE.py:NAME, as a policy.
 
     Raise `SceneError` if there is no such controller, it is none that can be written as layers, or
     an LQG's estimate does not begin at 0.
     """
-    controller = base_controller(scene, name)
+    controller = base_controller(scene, name, "controller")
     if type(controller) in (LQG, DetunedLQG):
         return _stationary(controller, scene)
     gains = linear_base(controller, scene)

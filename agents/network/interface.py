@@ -29,7 +29,7 @@ class Channel(Document):
     """SI"""
     zero: float
     """[unit]"""
-    factor: float
+    factor: Annotated[float, Field(gt=0)]
     """[1/unit]"""
 
 
@@ -63,9 +63,9 @@ class Interface(Document):
 
     channels: Annotated[tuple[Channel, ...], Field(strict=False)]
     """of a frame"""
-    history: int
+    history: Annotated[int, Field(ge=1)]
     """frames"""
-    time_step: float
+    time_step: Annotated[float, Field(gt=0)]
     """[s]"""
     commands: Annotated[tuple[Command, ...], Field(strict=False)]
     """in the order of the action"""

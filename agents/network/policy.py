@@ -187,7 +187,7 @@ def _read(told: object, left: dict[str, Single], prefix: str) -> tuple[Layer, ..
     found: list[Layer] = []
     for number, entry in enumerate(told):
         own = f"{prefix}{number}."
-        kind = KINDS.get(entry.get("kind")) if isinstance(entry, dict) else None
+        kind = KINDS.get(str(entry.get("kind"))) if isinstance(entry, dict) else None
         if kind is None:
             refuse(f"{own}kind", f"{entry!r}", ", ".join(KINDS), ValueError)
         given: dict[str, Any] = {name: value for name, value in entry.items() if name != "kind"}

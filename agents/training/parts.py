@@ -140,21 +140,21 @@ def _require_unchanged(run: Run, parts: Parts) -> None:
             raise RunError(msg)
 
 
-def base_controller(scene: Scene, base: str) -> Controller:
+def base_controller(scene: Scene, base: str, what: str = "base") -> Controller:
     """Return the controller that an agent is added to, tuned on the validation episodes.
 
     A law of a user's file is fed the state that `observed_state` estimates from the observation.
-    Raise `SceneError` if the base cannot be made, or does not suit the scene.
+    Raise `SceneError`, which names the setting, if it cannot be made, or does not suit the scene.
     """
     if is_path(base):
-        return user_defined(base, scene, "base")[-1]
+        return user_defined(base, scene, what)[-1]
     applicable = laws(scene)
     if base not in applicable:
-        raise not_a_law(base, scene, "base", "or FILE.py:NAME")
+        raise not_a_law(base, scene, what, "or FILE.py:NAME")
     try:
         return applicable[base](scene)
     except DesignError as error:
-        msg = f"base: {base} cannot be designed for this scene: {error}"
+        msg = f"{what}: {base} cannot be designed for this scene: {error}"
         raise SceneError(msg) from error
 
 

@@ -41,12 +41,12 @@ class TablePolicy:
         """Numbers of an observation and of an action."""
         return [self.reads.shape[1] - 1, 1]
 
-    def check(self, observation: int, action: int) -> None:
+    def check(self, observation: int, action: int, of: str = "the scene") -> None:
         """Raise `PolicyError` unless observation and action have so many numbers."""
         if self.sizes != [observation, action]:
             msg = (
                 f"policy: got {counted(self.sizes[0], 'observed number')} and 1 action; "
-                f"the scene has {observation} and {action}"
+                f"{of} has {observation} and {action}"
             )
             raise PolicyError(msg)
 

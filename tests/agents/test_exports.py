@@ -1,6 +1,7 @@
 """Do exported policies act as the originals, step after step?"""
 
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,9 @@ from agents.control.feedback import Feedback
 from agents.controllers.learned import Residual
 from agents.exports.controllers import controller_policy, linear_base, residual
 from agents.network.c_source import c_source
-from agents.policies import load_policy
+from agents.network.files import content_of, read_content
+from agents.network.interface import Interface
+from agents.policies import PolicyError, load_deployed, load_policy
 from agents.scoring import evaluate
 from agents.training.config import TrainSettings
 from agents.training.parts import base_controller
@@ -235,7 +238,7 @@ def test_command_writes_the_source_and_says_what_it_costs(tmp_path, monkeypatch,
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["absent"], "absent: no such file"),
+        (["absent"], "absent: no such file; a controller needs --task"),
         (["runs"], "runs/policy.safetensors: no such file"),
         (["p.zip"], "p.zip: opening an archive of Stable-Baselines3 can execute code"),
         (
@@ -259,6 +262,74 @@ def test_bad_input_is_named_and_writes_nothing(tmp_path, monkeypatch, words, mes
     assert message in export(monkeypatch, *words)
     assert sorted(path.name for path in Path().rglob("*")) == ["p.safetensors", "runs"]
     assert Path("p.safetensors").read_bytes() == content
+
+
+def test_controller_of_a_file_is_exported(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines = [
+        "from agents.control.controller import Law",
+        "class Mine(Law):",
+        "    def __init__(self, scene): pass",
+        "    def action(self, memory, state, applied):",
+        "        return -0.3 * state[:, 2:3], memory",
+    ]
+    Path("own.py").write_text("\n".join(lines))
+    words = "own.py:Mine", "--task", "CarriageForce", "--out", "p.safetensors"
+    assert export(monkeypatch, *words) is None
+    # A velocity of 0.5 m/s, its scale, is observed as 1.
+    np.testing.assert_allclose(load_policy("p.safetensors").act([[0, 0, 1, 0]]), -0.15, rtol=1e-6)
+
+
+class TestFilesThatKnowTheirScene:
+    @pytest.fixture(autouse=True)
+    def exported(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        POLICIES["linear"].save("p.safetensors", Interface.of_scene(CARRIAGE_FORCE))
+
+    def test_scene_is_kept(self, monkeypatch):
+        assert export(monkeypatch, "p.safetensors", "--out", "p.c") is None
+        assert "policy_act_si" in Path("p.c").read_text()
+        words = "p.safetensors", "--task", "CarriageForce", "--out", "again.safetensors"
+        assert export(monkeypatch, *words) is None
+        assert Path("again.safetensors").read_bytes() == Path("p.safetensors").read_bytes()
+
+    def test_other_scene_is_refused(self, monkeypatch):
+        Path("other.toml").write_text("base = 'CarriageForce'\ncontrol.time_step = 0.02\n")
+        said = export(monkeypatch, "p.safetensors", "--task", "other.toml", "--out", "p.c")
+        assert (
+            "--task: got 'other.toml', which differs in time_step from the scene of p.saf" in said
+        )
+        assert "allowed: none, or the scene that the file was exported for" in said
+        assert not Path("p.c").exists()
+
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"interface": None}, "interface: got None; allowed: a table"),
+            ({"interface": {"history": 1}}, "channels: missing; time_step: missing"),
+            ({"history": 2}, "the interface in p.safetensors has 8 and 1"),
+            ({"history": 0}, "history: got 0; allowed: greater than or equal to 1"),
+            ({"time_step": -0.01}, "time_step: got -0.01; allowed: greater than 0"),
+            ({"layers": [{"kind": [1]}]}, "0.kind: got {'kind': [1]}; allowed: linear_memory"),
+        ],
+    )
+    def test_damaged_interface_is_refused(self, changes, message, monkeypatch):
+        described, arrays = read_content(Path("p.safetensors").read_bytes())
+        inner = described["interface"]
+        for name, value in changes.items():
+            (inner if name in inner else described)[name] = value
+        Path("p.safetensors").write_bytes(content_of(described, arrays))
+        with pytest.raises(PolicyError, match=re.escape(message)):
+            load_deployed("p.safetensors")
+        assert message in export(monkeypatch, "p.safetensors", "--out", "p.c")
+        assert not Path("p.c").exists()
+
+    def test_run_has_its_own_scene(self, tmp_path, monkeypatch):
+        run = begun(tmp_path)
+        POLICIES["linear"].save(run.policy)
+        said = export(monkeypatch, run.folder, "--task", "CarriageForceDuffing", "--out", "p.c")
+        assert "--task: got 'CarriageForceDuffing' with the run" in said
+        assert not Path("p.c").exists()
 
 
 def test_base_of_another_shape_is_refused():
