@@ -19,7 +19,7 @@ from agents.network.policy import FORMAT, PARTS, Policy, network, policy_of, tak
 from agents.value_table.policy import TablePolicy, table_policy
 from mm_gym import DesignError, SceneError
 from mm_gym.arrays import Array
-from mm_gym.errors import refuse
+from mm_gym.errors import finite_numbers, refuse
 from mm_gym.files import read_bytes
 from mm_gym.scene import Document
 
@@ -42,7 +42,8 @@ class Deployed:
     def act_si(self, measured: ArrayLike, t: float) -> Array:
         """Return the commands (k,), in the units of `Interface.commands`.
 
-        Raise `DesignError` if an episode does not begin at 0.
+        Raise `DesignError`, and remember nothing of it, if an episode does not begin at 0, or there
+        is another number of values than of channels, or one that is not finite.
 
         Parameters
         ----------
@@ -51,7 +52,12 @@ class Deployed:
         t
             Time since the episode's start [s]; at 0 all that is remembered is forgotten.
         """
-        frame = (np.asarray(measured, np.float64) - self.zero) * self.factor
+        values = finite_numbers("measured", measured, DesignError)
+        if values.shape != self.zero.shape:
+            names = ", ".join(channel.name for channel in self.interface.channels)
+            refuse("measured", f"shape {values.shape}", f"a number each of {names}", DesignError)
+        finite_numbers("t", t, DesignError)
+        frame = (values - self.zero) * self.factor
         if t < 0.5 * self.interface.time_step:
             self.frames = np.tile(frame, (self.interface.history, 1))
             self.memory = self.policy.begin(1)

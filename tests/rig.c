@@ -14,7 +14,7 @@ int main(void) {
             if (scanf("%lf", &number) != 1) return 1;
             measured[i] = (REAL)number;
         }
-        policy_act_si(&state, measured, t, command);
+        if (policy_act_si(&state, measured, t, command) != 0) return 1;
         for (int i = 0; i < COMMANDS; i++) printf("%.17g ", (double)command[i]);
         printf("\n");
     }

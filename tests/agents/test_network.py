@@ -1,5 +1,6 @@
 """Do NumPy, torch, C and ONNX read the same layers, and a laboratory the same policy?"""
 
+import ctypes
 import shutil
 import subprocess
 from dataclasses import dataclass
@@ -167,6 +168,32 @@ def test_rig_in_c_replays_an_episode(tmp_path):
     np.testing.assert_allclose(found, want, rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_what_is_not_finite_changes_nothing(real, tmp_path):
+    interface = Interface.of_scene(load_scene("mm_gym/CarriageForce-v0"))
+    policy, dtype = policy_of([4, 8, 1], "rational", m=2), {"double": "f8", "float": "f4"}[real]
+    number = {"double": ctypes.c_double, "float": ctypes.c_float}[real]
+    source, library = tmp_path / "policy.c", tmp_path / "policy.so"
+    source.write_text(c_source(policy.graph(), interface).text)
+    command = [shutil.which("cc"), *FLAGS, f"-DREAL={real}", source, "-o", library, "-lm"]
+    subprocess.run(command, check=True)
+    compiled, deployed = ctypes.CDLL(str(library)), Deployed(policy, interface)
+    state, found = ctypes.create_string_buffer(1000), np.zeros(1, dtype)
+    for t, bad in zip((0.0, 0.01, 0.02), (np.nan, np.inf, -np.inf), strict=True):
+        good = np.array([0.001, 0.002, 0.1, -0.1], dtype)
+        wrong = np.where([True, True, False, True], good, bad).astype(dtype)
+        kept = bytes(state), found.copy()
+        for measured, time in ((wrong, t), (good, bad)):
+            given, made = (one.ctypes.data_as(ctypes.c_void_p) for one in (measured, found))
+            assert compiled.policy_act_si(state, given, number(time), made) == 1
+            assert (bytes(state), found) == kept
+            with pytest.raises(DesignError, match="got NaN or infinity; allowed: finite numbers"):
+                deployed.act_si(measured, time)
+        given, made = (one.ctypes.data_as(ctypes.c_void_p) for one in (good, found))
+        assert compiled.policy_act_si(state, given, number(t), made) == 0
+        np.testing.assert_allclose(found, deployed.act_si(good, t), rtol=0.0, atol=1e-5)
+
+
 def test_header_tells_channels_commands_and_sample_time(tmp_path, monkeypatch):
     words = ["lqr", "--task", "CarriageForce", "--out", str(tmp_path / "lqr.c")]
     monkeypatch.setattr("sys.argv", ["export", *words])
@@ -188,6 +215,9 @@ def test_laboratory_that_does_not_begin_at_zero_or_fits_no_scene_is_told(tmp_pat
     policy = policy_of([4, 1], "tanh")
     with pytest.raises(DesignError, match="t: got 1 in the first step; allowed: 0"):
         Deployed(policy, interface).act_si(np.zeros(4), 1.0)
+    for wrong in (np.zeros(3), np.zeros(1), 0.0, np.zeros((1, 4))):
+        with pytest.raises(DesignError, match="a number each of carriage_displacement, sphere_off"):
+            Deployed(policy, interface).act_si(wrong, 0.0)
     with pytest.raises(PolicyError, match="got 5 observed numbers"):
         Deployed(policy_of([5, 1], "tanh"), interface)
     policy.save(tmp_path / "policy.safetensors")
