@@ -116,6 +116,8 @@ class Interface(Document):
 def _command(scene: Scene, name: str) -> Command:
     part = getattr(scene.actuation, name)
     limits = (-part.limit, part.limit) if name == "force" else (part.minimum, part.maximum)
-    low, high = limits if part.command == "position" else (-part.rate_limit, part.rate_limit)
-    kind = part.command
+    low, high, kind = *limits, part.command
+    if kind == "rate":  # of one that is drawn a controller knows the middle
+        high = float(np.mean(scene.range_of(f"actuation.{name}.rate_limit", part.rate_limit)))
+        low = -high
     return Command(name=name, unit=UNITS[name], kind=kind, low=low, high=high, limits=limits)

@@ -148,6 +148,16 @@ def test_laboratory_has_the_commands_of_the_environment_in_si_units(task, tmp_pa
             np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-6 * np.max(high - low))
 
 
+def test_rate_that_is_drawn_is_commanded_as_its_middle():
+    changes = {"randomization": {"actuation.stretch.rate_limit": [20.0, 60.0]}}
+    (stretch,) = Interface.of_scene(
+        load_scene("mm_gym/PreStretchNoise-v0").replace(
+            **{"actuation.stretch.command": "rate"}, **changes
+        )
+    ).commands
+    assert (stretch.low, stretch.high) == (-40.0, 40.0)
+
+
 def test_rig_in_c_replays_an_episode(tmp_path):
     task = "mm_gym/Hybrid-v0"
     policy = policy_of([Interface.of_scene(load_scene(task)).observed, 8, 2], "tanh", r=3, m=2)
