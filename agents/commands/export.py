@@ -24,7 +24,6 @@ from agents.exports.controllers import controller_policy, linear_base, residual
 from agents.network.c_source import c_source, seconds_of
 from agents.network.files import ENDINGS
 from agents.network.interface import Interface
-from agents.network.layers import Observer
 from agents.network.onnx import onnx_bytes
 from agents.policies import AnyPolicy, PolicyError, load_exported, load_policy
 from agents.training.parts import trained_parts
@@ -105,7 +104,8 @@ def read_exported(arguments: Arguments) -> Exported:
     scene = load_scene(task_or_scene(task))
     interface = Interface.of_scene(scene)
     if is_controller:
-        return Exported(controller_policy(name, scene), interface)
+        policy, comment = controller_policy(name, scene)
+        return Exported(policy, interface, comment)
     policy, known = _of_file(path, trust=trust)
     policy.check(interface.observed, len(interface.commands))
     if known not in (None, interface):
@@ -132,15 +132,11 @@ def _of_run(run: Run, *, trust: bool) -> Exported:
     if ending is not None and ending.returned is not None:
         comment = f"It is the controller {ending.returned}, which costs less than the run's agent."
         try:
-            policy = controller_policy(ending.returned, parts.scene)
+            policy, differs = controller_policy(ending.returned, parts.scene)
         except SceneError as error:
             msg = f"{error}. {comment} The agent is in {run.policy}"
             raise PolicyError(msg) from error
-        if policy.find(Observer):
-            comment = (
-                f"It is the controller {ending.returned} with the stationary gain of its filter; "
-                "with the gains that vary at an episode's start it costs less than the run's agent."
-            )
+        comment = f"{comment} {differs}".rstrip()
         return Exported(policy, Interface.of_scene(scene), comment)
     if parts.base is None:
         return Exported(policy, Interface.of_scene(scene))
