@@ -184,7 +184,7 @@ def c_source(graph: Graph, interface: Interface | None = None, comment: str = ""
 
 
 def seconds_of(source: Source, observed: int, actions: int) -> float | None:
-    """Return the time of a step on this machine [s], or None without a C compiler."""
+    """Return the time of a step on this machine [s], or None without a C compiler that works."""
     compiler = shutil.which("cc")
     if compiler is None:
         return None
@@ -192,8 +192,11 @@ def seconds_of(source: Source, observed: int, actions: int) -> float | None:
         file, program = Path(folder) / "policy.c", Path(folder) / "policy"
         file.write_text(source.text + _MAIN.format(observed=observed, k=actions, calls=CALLS))
         command = [compiler, "-O2", "-std=c99", str(file), "-o", str(program), "-lm"]
-        subprocess.run(command, check=True, capture_output=True)  # noqa: S603 - our own source
-        done = subprocess.run([program], check=True, capture_output=True, text=True)  # noqa: S603
+        try:
+            subprocess.run(command, check=True, capture_output=True)  # noqa: S603 - our own source
+            done = subprocess.run([program], check=True, capture_output=True, text=True)  # noqa: S603
+        except (OSError, subprocess.CalledProcessError):  # as of a folder where nothing may be run
+            return None
     return float(done.stdout.split()[0])
 
 

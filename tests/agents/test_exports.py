@@ -249,6 +249,19 @@ def test_command_writes_the_source_and_says_what_it_costs(tmp_path, monkeypatch,
     assert "ns on this machine" in printed
 
 
+@pytest.mark.parametrize("ends", ["1", "0"])
+def test_compiler_that_does_not_work_ends_no_export(ends, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    compiler = Path("bin/cc")
+    compiler.parent.mkdir()
+    compiler.write_text(f"#!/bin/sh\nexit {ends}\n")  # with 0 it makes no program
+    compiler.chmod(0o755)
+    monkeypatch.setenv("PATH", str(compiler.parent.resolve()), prepend=":")
+    POLICIES["linear"].save("p.safetensors")
+    assert export(monkeypatch, "p.safetensors", "--out", "p.c") is None
+    assert "4 products a step\n" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
