@@ -42,7 +42,7 @@ from agents.scoring import written
 from mm_gym import Scene, SceneError, compile_scene, load_scene
 from mm_gym.arrays import Array
 from mm_gym.errors import refuse
-from mm_gym.files import read_bytes, write_bytes, write_text
+from mm_gym.files import check_outputs, read_bytes, write_bytes, write_text
 from mm_gym.tasks import ids, path_of, short_name
 
 MOST_BYTES = 2**28  # largest file of plans
@@ -76,7 +76,7 @@ def score(
     """Return the rows of a task, and print them; plans are read from a folder and kept there."""
     began, file = time.perf_counter(), None
     if plans is not None:
-        file = plans / f"{path_of(name).stem}.npy"
+        file = _file_of(plans, name)
     scene, kept = load_scene(name), None
     if file is not None and os.path.lexists(file):
         kept = _kept_plans(file, (scene.control.steps, EPISODES, len(scene.actuation.names)))
@@ -92,6 +92,10 @@ def score(
     for row in rows:
         print(f"  {row['controller']:60} {row['cost']:.4f} [{row['low']:.4f}, {row['high']:.4f}]")
     return rows
+
+
+def _file_of(plans: Path, task: str) -> Path:
+    return plans / f"{path_of(task).stem}.npy"
 
 
 def _kept_plans(file: Path, shape: tuple[int, ...]) -> Array:
@@ -150,11 +154,16 @@ def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, A
 @command
 def main(arguments: Arguments) -> str | None:
     """Score or check from the command line."""
-    out = arguments.out
+    out, plans = arguments.out, arguments.plans
+    if arguments.seed < 0:
+        refuse("--seed", f"{arguments.seed}", "at least 0")
     better: list[str] = []
     scores = read_scores(out) if os.path.lexists(out) else {}
     agents = agents_of(arguments.runs)
     tasks = tasks_called(arguments.tasks or list(agents) or ids())
+    if not arguments.check:
+        files = [] if plans is None else [_file_of(plans, name) for name in tasks]
+        check_outputs([out, *files])
     if others := ", ".join(short_name(task) for task in agents if task not in tasks):
         refuse("--runs", f"runs of {others}", f"runs of {', '.join(map(short_name, tasks))}")
     for name in tasks:
@@ -171,7 +180,7 @@ def main(arguments: Arguments) -> str | None:
             print(f"{name}: {new['preview']}")
         else:
             known = earlier["rows"] if earlier.get("scene_digest") == scene.digest else []
-            rows = score(name, own, known, arguments.plans, arguments.seed)
+            rows = score(name, own, known, plans, arguments.seed)
             new = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
         scores = read_scores(out) if os.path.lexists(out) else {}  # others may have written to it
         before = scores.get(name, {})

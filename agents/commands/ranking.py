@@ -48,8 +48,17 @@ def of_controllers(names: Sequence[str], tasks: Sequence[str]) -> Iterator[tuple
     known = sorted({entry.name for entry in every_entry()})
     for name in names:
         check_name("--controllers", name, known)
-    for task in map(task_called, tasks or ids()):
-        scene = load_scene(task)
+    scenes = {task: load_scene(task) for task in map(task_called, tasks or ids())}
+    suited = {
+        entry.name
+        for scene in scenes.values()
+        for entry in entries(scene)
+        if entry.refuses(scene) is None
+    }
+    for name in names:
+        if name not in suited:
+            refuse("--controllers", f"{name!r}", f"those that apply to {', '.join(scenes)}")
+    for task, scene in scenes.items():
         for entry in entries(scene):
             if entry.name not in names or entry.refuses(scene) is not None:
                 continue

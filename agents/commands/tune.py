@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from agents.errors import command, leave
 from agents.training.config import Count, TrainSettings
+from agents.training.parts import make_parts
 from agents.training.progress import read_ending, told_part
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
@@ -88,10 +89,10 @@ def _in_one_line(error: BaseException) -> str:
 def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
     """Try settings until there are enough trials; return the path of the best ones' file.
 
-    Raise `SceneError` or `CompileError` if there is nothing to train on. No folder is made. Raise
-    `RunError` if the folder cannot be made, or holds a study of other settings.
+    Raise `SceneError` or `CompileError` if there is nothing to train on, or no such base; no folder
+    is made then. Raise `RunError` if the folder cannot be made, or holds a study of other settings.
     """
-    settings.load_scene()
+    make_parts(settings)
     folder = root / settings.name
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ tune-controllers PreStretchRobust --start PreStretch``.
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -132,26 +132,36 @@ def _with(
     return dict(sorted(known.items()))
 
 
-@command
-def main(arguments: Arguments) -> None:
-    """Tune from the command line."""
-    out = arguments.out
-    if arguments.trials < 1:
-        refuse("--trials", f"{arguments.trials}", "at least 1")
-    check_outputs([out])
-    if os.path.lexists(out):
-        read_found(out)  # what is wrong with it is told before the search
-    scenes = {task: load_scene(task) for task in map(task_or_scene, arguments.tasks or ids())}
-    begun = None if arguments.start is None else load_scene(task_or_scene(arguments.start))
-    applicable = {task: tunables(scene) for task, scene in scenes.items()}
+def _check_names(named: Sequence[str], applicable: Mapping[str, Mapping[str, Tunable]]) -> None:
+    """Raise `SceneError` if a name is none of those that apply to tasks, or none does."""
     every = sorted({name for names in applicable.values() for name in names})
-    for name in arguments.controllers:
+    for name in named:
         if name not in every:
             msg = (
                 f"--controllers: got {name!r}{suggest(name, every)}; allowed for these tasks: "
                 f"{', '.join(every) or 'none has free numbers here'}"
             )
             raise SceneError(msg)
+    if not every:
+        got = ", ".join(map(str, applicable))
+        refuse("tasks", got, "those to which a controller with free numbers applies")
+
+
+@command
+def main(arguments: Arguments) -> None:
+    """Tune from the command line."""
+    out = arguments.out
+    if arguments.trials < 1:
+        refuse("--trials", f"{arguments.trials}", "at least 1")
+    if arguments.seed < 0:
+        refuse("--seed", f"{arguments.seed}", "at least 0")
+    check_outputs([out])
+    if os.path.lexists(out):
+        read_found(out)  # what is wrong with it is told before the search
+    scenes = {task: load_scene(task) for task in map(task_or_scene, arguments.tasks or ids())}
+    begun = None if arguments.start is None else load_scene(task_or_scene(arguments.start))
+    applicable = {task: tunables(scene) for task, scene in scenes.items()}
+    _check_names(arguments.controllers, applicable)
     for task, scene in scenes.items():
         for name, tunable in applicable[task].items():
             if arguments.controllers and name not in arguments.controllers:

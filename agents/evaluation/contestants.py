@@ -94,6 +94,9 @@ class Episodes:
         if each < LEAST:
             refuse("--episodes", f"{each}", f"at least {LEAST}, to estimate their scatter")
         last = VALIDATION_SEED - seeds * each
+        if last < HELD_OUT_SEED:
+            allowed = f"at most {VALIDATION_SEED - HELD_OUT_SEED} together"
+            refuse("--seeds and --episodes", f"{seeds} x {each} episodes", allowed)
         if not HELD_OUT_SEED <= first <= last:
             allowed = f"{HELD_OUT_SEED} to {last}: laws are tuned, and agents trained, on others"
             refuse("--first-seed", f"{first} for {seeds} x {each} episodes", allowed)

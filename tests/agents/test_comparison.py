@@ -478,6 +478,7 @@ def test_wrong_counts_are_refused() -> None:
         (one, 5, 1, HELD_OUT_SEED, "--episodes: got 1; allowed: at least 2"),
         (one, 5, 8, 7, "--first-seed: got 7 for 5 x 8 episodes; allowed: 1000000 to 1999960"),
         (one, 5, 8, 1_999_961, "--first-seed: got 1999961"),
+        (one, 5, 10**9, HELD_OUT_SEED, "5 x 1000000000 episodes; allowed: at most 1000000"),
     ):
         with pytest.raises(SceneError) as caught:
             Episodes.of_field(field, seeds, each, first=first)

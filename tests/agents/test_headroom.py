@@ -269,6 +269,23 @@ def test_runs_of_other_tasks_are_refused_before_anything_is_scored(
     assert told in str(command.main())
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--seed", "-1"], "--seed: got -1; allowed: at least 0"),
+        (["--plans", "file"], "file/carriage_force.npy: cannot be written: Not a directory"),
+    ],
+)
+def test_what_cannot_be_searched_or_kept_is_refused_before_the_search(
+    words, told, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(command, "score", lambda *_: pytest.fail("scored"))
+    monkeypatch.setattr(sys, "argv", ["headroom", "CarriageForce", "--out", "scores.json", *words])
+    assert told in str(command.main())
+
+
 def test_scores_that_another_process_writes_meanwhile_stay(tmp_path, monkeypatch) -> None:
     name, other = "mm_gym/CarriageForce-v0", "mm_gym/PreStretchNoise-v0"
     scores = tmp_path / "scores.json"

@@ -170,8 +170,12 @@ def test_named_controllers_are_scored_and_nothing_else(tmp_path, monkeypatch, ca
     assert {task: of for task, of in after.items() if task != FORCE} == {
         task: of for task, of in before.items() if task != FORCE
     }
-    for name, told in (("lqrr", "did you mean 'lqr'"), ("no-control", "a controller of some")):
-        monkeypatch.setattr(sys, "argv", [*words[:2], name])
+    for name, told in (
+        ("lqrr", "did you mean 'lqr'"),
+        ("no-control", "a controller of some"),
+        ("clipped-lqr", "allowed: those that apply to mm_gym/CarriageForce-v0"),
+    ):
+        monkeypatch.setattr(sys, "argv", [*words[:2], name, *words[3:]])
         assert told in str(ranking.main())
     assert "LQR: 0.0483" in capsys.readouterr().out
 

@@ -260,6 +260,15 @@ def test_command_refuses_a_controller_without_free_numbers(tmp_path, monkeypatch
     assert "--controllers: got 'bowls'; did you mean 'bowl'" in status
     status = call(monkeypatch, "CarriageForce", "--trials", "0")
     assert "--trials: got 0; allowed: at least 1" in status
+    status = call(monkeypatch, "CarriageForce", "--seed", "-1")
+    assert "--seed: got -1; allowed: at least 0" in status
+
+
+def test_command_says_that_no_controller_has_free_numbers(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    told = "tasks: got mm_gym/CarriageForce-v0; allowed: those to which a controller with free"
+    assert told in call(monkeypatch, "CarriageForce", "--out", "numbers.json")
+    assert not (tmp_path / "numbers.json").exists()
 
 
 def test_damaged_numbers_are_named(tmp_path):

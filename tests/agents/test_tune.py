@@ -20,6 +20,7 @@ from agents.training.config import TrainSettings, read_settings
 from agents.training.progress import Ending
 from agents.training.runs import Run, RunError
 from agents.training.studies import as_toml, is_dead, suggested
+from mm_gym import SceneError
 
 QUICK = TuneSettings(
     task="mm_gym/CarriageForce-v0", name="quick", lanes=8, steps=800, evaluations=2, trials=2
@@ -94,6 +95,12 @@ def test_best_trial_is_a_file_of_settings_and_more_trials_go_on(tmp_path):
     assert len(study_of(path.parent).trials) == 3
     with pytest.raises(RunError, match="holds a study of other settings"):
         tune(QUICK.model_copy(update={"steps": 801}), tmp_path)
+
+
+def test_base_that_there_is_not_leaves_no_study(tmp_path):
+    with pytest.raises(SceneError, match="base: got 'lqrr'; did you mean 'lqr'"):
+        tune(QUICK.model_copy(update={"base": "lqrr"}), tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("lanes", [1, 8, 13])
