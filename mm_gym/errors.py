@@ -53,7 +53,7 @@ def check_name(
 ) -> None:
     """Refuse a value that is none of the allowed names, and say the nearest."""
     names = tuple(allowed)
-    if name not in names:
+    if not isinstance(name, str) or name not in names:  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
         refuse(field, f"{name!r}{suggest(str(name), names)}", ", ".join(names), error)
 
 
@@ -80,8 +80,8 @@ def finite_numbers(
 
 def positive_number(field: str, value: object, error: type[Exception] = SceneError) -> float:
     """Return a finite number greater than 0; refuse anything else."""
-    number = finite_numbers(field, value, error)
-    if number.shape or not number > 0.0:
+    number = as_array(field, value, error)
+    if number.shape or number.dtype.kind not in "fiu" or not 0.0 < float(number) < np.inf:
         refuse(field, f"{value!r}", "a finite number greater than 0", error)
     return float(number)
 

@@ -36,6 +36,13 @@ LONGEST_LINE = 2**11
 DEEPEST = 64  # levels of lists and tables in each other, so that code may recurse through them
 
 
+def as_path(path: object) -> Path:
+    """Return a path; refuse what is none, such as None."""
+    if not isinstance(path, str | PathLike):
+        refuse("path", f"{path!r:.60}", "the path of a file, as text or pathlib.Path")
+    return Path(cast("str | PathLike[str]", path))
+
+
 def read_bytes(path: str | PathLike[str], *, most: int) -> bytes:
     """Return the content of a regular file of at most `most` bytes, without ever waiting for it.
 
@@ -62,7 +69,7 @@ def read_beginning(path: str | PathLike[str], count: int) -> bytes:
 @contextmanager
 def _regular(path: str | PathLike[str], most: int) -> Generator[tuple[io.BufferedReader, int]]:
     """Open a regular file of at most `most` bytes, and state its size [bytes]."""
-    file = Path(path)
+    file = as_path(path)
     try:
         _check_regular(file, file.stat(), most)
         with _opened(file) as stream:

@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 from mm_gym.analysis.asymptotes_kernel import final_offsets, sticks_throughout
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import SceneError, SimulationError, refuse
+from mm_gym.errors import SceneError, SimulationError, finite_numbers, refuse
 from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 from mm_gym.law.carriage_spring import carriage_energy, carriage_force
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.support_of import support_of
 from mm_gym.scene.mechanics import GRAVITY
-from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import Scene, require_scene
 from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 from mm_gym.simulation.energy.work import mechanical_energy
 from mm_gym.simulation.simulate import simulate
@@ -184,10 +184,10 @@ def bifurcation(
     gymnasium.error.DependencyNotInstalled
         If a progress bar is asked for without tqdm.
     """
-    points = np.atleast_1d(np.asarray(values, np.float64))
-    if points.ndim != 1 or not points.size or not np.all(np.isfinite(points)):
-        msg = f"{parameter}: allowed: a one-dimensional array of finite numbers"
-        raise SceneError(msg)
+    require_scene(scene)
+    points = np.atleast_1d(finite_numbers(parameter, values))
+    if points.ndim != 1 or not points.size:
+        refuse(parameter, f"shape {points.shape}", "(n,) numbers")
     # The allowed values of a field form an interval, so checking both ends checks all.
     low = scene.replace(**{parameter: float(points.min())})
     scene.replace(**{parameter: float(points.max())})
@@ -450,6 +450,7 @@ def _fastest_by_energy(row: Array) -> float:
 
 
 def _check(scene: Scene) -> None:
+    require_scene(scene)
     problem = ""
     if scene.interface.kind != "dry_friction":
         problem = f"interface.kind: got {scene.interface.kind!r}; allowed: 'dry_friction'"

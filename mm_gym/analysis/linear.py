@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import SceneError
+from mm_gym.errors import SceneError, finite_numbers
 from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 from mm_gym.plant.linearise import interface_slopes
@@ -297,8 +297,8 @@ def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyRespons
     SceneError
         If a frequency is not a finite number greater than 0.
     """
-    w = np.atleast_1d(np.asarray(frequencies, np.float64))
-    if w.ndim != 1 or not np.all(np.isfinite(w) & (w > 0.0)):
+    w = np.atleast_1d(finite_numbers("frequencies", frequencies))
+    if w.ndim != 1 or not np.all(w > 0.0):
         msg = "frequencies: allowed: a one-dimensional array of finite numbers greater than 0 rad/s"
         raise SceneError(msg)
     m1, m2, k1, k2, c, d = linear_values(scene)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
+from mm_gym.errors import finite_numbers, refuse
 from mm_gym.files import write_csv
 from mm_gym.records import Record
 from mm_gym.records.spectrum import peak_responses
@@ -113,10 +114,11 @@ def response_spectrum(
     SceneError
         If a period or damping ratio is not allowed.
     """
-    own = np.atleast_1d(np.array(PERIODS if periods is None else periods))
-    ratios = np.atleast_1d(np.array(damping))
+    if not isinstance(record, Record):  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
+        refuse("record", type(record).__name__, "a Record, as read_record returns it")
+    own = np.atleast_1d(finite_numbers("periods", PERIODS if periods is None else periods))
+    ratios = np.atleast_1d(finite_numbers("damping", damping))
     pseudo, absolute = peak_responses(record.times, record.values, own, ratios)
-    own, ratios = own.astype(np.float64), ratios.astype(np.float64)
     w = 2.0 * np.pi / own
     return ResponseSpectrum(
         periods=own,

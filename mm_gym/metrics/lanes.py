@@ -16,7 +16,7 @@ from mm_gym.errors import SimulationError, refuse
 from mm_gym.lanes import layout
 from mm_gym.law import springs
 from mm_gym.metrics.response import End, Response, Totals
-from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import Scene, require_scene
 from mm_gym.tuning import tune
 
 
@@ -118,6 +118,7 @@ def passive_scene(scene: Scene) -> tuple[Scene, float | None]:
     DesignError
         If the damper cannot be tuned: the interface is dry friction, or a tuned parameter is drawn.
     """
+    require_scene(scene)
     kinds = {part.kind for part in scene.excitation}
     tuned = tune(scene, criterion="h_infinity" if kinds == {"harmonic"} else "h2")
     if tuned.stretch is None or not isinstance(scene.initial.stretch, tuple):

@@ -10,7 +10,7 @@ import numpy as np
 from mm_gym import methods
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import CompileError, SceneError, refuse
+from mm_gym.errors import CompileError, SceneError
 from mm_gym.lanes import layout
 from mm_gym.law.dry_friction import write_regimes
 from mm_gym.law.hardening_springs import CUBIC
@@ -37,8 +37,6 @@ def compile_scene(scene: Scene) -> Plant:
     SceneError
         If it is no scene, or a record cannot be read: the field, the file, and its line and column.
     """
-    if not isinstance(scene, Scene):  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
-        refuse("scene", f"{scene!r:.60}", "a Scene, as load_scene returns it for an id or a file")
     with np.errstate(over="ignore", invalid="ignore"):  # a rate that overflows is refused later
         return _compiled(scene)
 

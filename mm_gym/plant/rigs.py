@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from mm_gym.plant.compile import compile_scene
 from mm_gym.scene.mechanics import GRAVITY
-from mm_gym.scene.scene import DELAY, Scene, bounds
+from mm_gym.scene.scene import DELAY, Scene, bounds, require_scene
 
 UNSURE = {
     "carriage": ("mass", "stiffness", "damping"),
@@ -47,6 +47,7 @@ def over_rigs(
     CompileError
         If no plant covers the scene.
     """
+    require_scene(scene)
     ranges: dict[str, tuple[float, float]] = {}
     for name, (low, high) in _unsure(scene):
         ranges[name] = _short(low * (1.0 - spread)), _short(high * (1.0 + spread))

@@ -15,7 +15,7 @@ from mm_gym.methods.support import Support, fastest_rate, interface_of
 from mm_gym.plant.excitation import NUMBER, lay_out
 from mm_gym.plant.task import instruments_of
 from mm_gym.scene.mechanics import GRAVITY
-from mm_gym.scene.scene import NumberOrRange, Scene, bounds
+from mm_gym.scene.scene import NumberOrRange, Scene, bounds, require_scene
 
 ROWS: dict[str, int] = {
     "initial.carriage_displacement": layout.X1,
@@ -50,6 +50,7 @@ CONSTANT = (layout.FORCE, layout.STRETCH, layout.DAMPING, *range(layout.M1, layo
 
 def support_of(scene: Scene) -> Support:
     """Collect the values that randomisation, initial ranges and actuation can reach."""
+    require_scene(scene)
     interface = _interface(scene)
     own = [] if interface is LINE else list(interface.fields)
     known = ROWS if interface is LINE else [n for n in ROWS if not n.startswith("interface.")]

@@ -17,7 +17,7 @@ from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
 from mm_gym.precision.episode import Episode, Truth, episodes_of, truth_of
 from mm_gym.precision.result import Setting, WorkPrecision, margin
-from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import Scene, require_scene
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import Recording, blank, lane_at, run
 
@@ -69,6 +69,7 @@ def work_precision(scene: Scene, *, seed: int = 0, lanes: int = 1) -> WorkPrecis
     """
     if not (isinstance(lanes, int) and lanes >= 1):
         refuse("lanes", f"{lanes!r}", "whole numbers of at least 1")
+    require_scene(scene)
     scene = scene.replace(solver={})
     plant = compile_scene(scene)
     episodes = episodes_of(plant, seed)

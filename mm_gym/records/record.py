@@ -10,6 +10,7 @@ import numpy as np
 
 from mm_gym.arrays import Array
 from mm_gym.errors import SceneError, positive_number
+from mm_gym.files import as_path
 from mm_gym.records.arrays import READERS, read_arrays
 from mm_gym.records.options import UNITS, Options
 from mm_gym.records.text import header_of, read_columns, read_peer, read_text, refuse, states_counts
@@ -126,7 +127,7 @@ def read_record(
     DependencyNotInstalled
         If a file of MATLAB 7.3 is read without h5py.
     """
-    return read_with(Path(path), Options(unit, time_step, column, skip, variable))
+    return read_with(as_path(path), Options(unit, time_step, column, skip, variable))
 
 
 def read_with(file: Path, options: Options) -> Record:

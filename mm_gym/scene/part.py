@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError, refuse, suggest
 
 RANGE = "range"  # type of the errors that `ordered` raises
 LARGEST = 1.7976931348623157e308  # the largest double
@@ -156,6 +156,8 @@ class Document(Part):
     @classmethod
     def of(cls, data: Mapping[str, object]) -> Self:
         """Return the part that the data describes; raise `SceneError` with every finding."""
+        if not isinstance(data, Mapping):  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
+            refuse(cls.__name__, f"{data!r:.60}", "a dictionary of its fields")
         return cls(**data)
 
 

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, PlainValidator
 from pydantic_core import PydanticKnownError
 
 from mm_gym.arrays import Array
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.files import read_bytes
 from mm_gym.records.text import MOST_BYTES
 from mm_gym.scene.actuators import Actuation, DampingActuator, VoltageActuator
@@ -484,3 +484,9 @@ class Scene(Document):
         }
         parts |= {f"actuation.{name}": part for name, part in self.actuation if part is not None}
         return parts | {f"excitation.{index}": part for index, part in enumerate(self.excitation)}
+
+
+def require_scene(scene: object) -> None:
+    """Refuse anything but a scene."""
+    if not isinstance(scene, Scene):
+        refuse("scene", f"{scene!r:.60}", "a Scene, as load_scene returns it for an id or a file")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TypeAlias, cast
 
 from mm_gym.errors import SceneError, refuse, suggest
-from mm_gym.files import parse_toml, read_text
+from mm_gym.files import as_path, parse_toml, read_text
 from mm_gym.scene.findings import draft_of
 from mm_gym.scene.part import KIND, Data, Part, dotted_name, is_known, put
 from mm_gym.scene.scene import ERRORS, Scene
@@ -254,7 +254,7 @@ def check_scene(
     with the dotted names of what is wrong in it.
     """
     task = path_of(path) if isinstance(path, str) and is_id(path) else None
-    file = Path(path) if task is None else task
+    file = as_path(path) if task is None else task
     text = read_text(file)
     data = with_absolute_records(parse_toml(file, text), file.parent)
     if task is None:

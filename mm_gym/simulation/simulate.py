@@ -21,7 +21,7 @@ from mm_gym.lanes import layout
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
 from mm_gym.scene.excitation import Recorded
-from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import Scene, require_scene
 from mm_gym.simulation.checks import checked_seed
 from mm_gym.simulation.failures import growth_of
 from mm_gym.simulation.lanes import Lanes
@@ -204,6 +204,7 @@ def shaken(scene: Scene, motion: ArrayLike) -> Plant:
 
     The motion is (k, 2) times [s], which increase from 0 or later, and accelerations [m/s^2].
     """
+    require_scene(scene)
     with record_of(motion) as record:
         return compile_scene(scene.replace(excitation=[*scene.excitation, record]))
 

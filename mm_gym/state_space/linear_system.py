@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array
-from mm_gym.errors import DesignError
+from mm_gym.errors import DesignError, finite_numbers, refuse
 
 REACHED = 1e-9  # part of a direction of size 1 below which it is round-off
 ROUNDS = 200  # most rounds of balancing; a few suffice
@@ -90,10 +90,9 @@ class LinearSystem:
         DesignError
             If a frequency is not finite, or is that of an undamped eigenvalue.
         """
-        w = np.atleast_1d(np.asarray(frequencies, np.float64))
-        if w.ndim != 1 or not np.isfinite(w).all():
-            msg = "frequencies: allowed: a one-dimensional array of finite numbers [rad/s]"
-            raise DesignError(msg)
+        w = np.atleast_1d(finite_numbers("frequencies", frequencies, DesignError))
+        if w.ndim != 1:
+            refuse("frequencies", f"shape {w.shape}", "(k,) [rad/s]", DesignError)
         s = 1j * w if self.time_step is None else np.exp(1j * w * self.time_step)
         pencil = s[:, None, None] * np.eye(len(self.A)) - self.A
         try:

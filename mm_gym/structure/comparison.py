@@ -21,7 +21,7 @@ from mm_gym.files import aligned
 from mm_gym.plant.compile import compile_scene
 from mm_gym.records import Record
 from mm_gym.records.text import evenly
-from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import Scene, require_scene
 from mm_gym.simulation.response import root_mean_square
 from mm_gym.simulation.simulate import checked_motion
 from mm_gym.structure.full_model import FullModel
@@ -258,6 +258,7 @@ def balanced_error(reduction: Reduction, scene: Scene) -> BalancedError:
 
 
 def _check(reduction: Reduction, scene: Scene) -> None:
+    require_scene(scene)
     own = (reduction.mass, reduction.stiffness, reduction.damping, 1.0, 0.0)
     names = ("mass", "stiffness", "damping", "linear_coefficient", "cubic_coefficient")
     for name, value in zip(names, own, strict=True):

@@ -227,7 +227,7 @@ def rayleigh_damping(
     lower, outside it is higher (Chopra, *Dynamics of Structures*, section 11.4).
     """
     bare = Structure(mass, stiffness, 0.0)
-    if len(modes) != 2 or modes[0] == modes[1]:  # noqa: PLR2004 - a and b
+    if np.shape(modes) != (2,) or modes[0] == modes[1]:
         _refuse("modes", f"{modes!r}", "two different modes")
     wanted = _numbers("ratios", ratios)
     if wanted.shape != (2,):

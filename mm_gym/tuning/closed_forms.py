@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 from mm_gym.analysis.linear import linear_values
 from mm_gym.analysis.springs import spring_stiffness
-from mm_gym.errors import DesignError, check_name
+from mm_gym.errors import DesignError, check_name, positive_number, refuse
 from mm_gym.scene.scene import Scene
 from mm_gym.tuning.reach import stretch_for
 
@@ -81,11 +81,11 @@ def closed_form(name: str, mass_ratio: float) -> Absorber:
     """
     check_name("closed form", name, CLOSED_FORMS, DesignError)
     form = CLOSED_FORMS[name]
-    if not (isfinite(mass_ratio) and 0.0 < mass_ratio < form.largest):
+    mu = positive_number("mass ratio", mass_ratio, DesignError)
+    if not mu < form.largest:
         allowed = f"greater than 0, below {form.largest:g}"
-        msg = f"mass ratio: got {mass_ratio!r}; allowed by {name!r}: {allowed}"
-        raise DesignError(msg)
-    return Absorber(*form.formula(float(mass_ratio)))
+        refuse(f"mass ratio of {name!r}", f"{mass_ratio!r}", allowed, DesignError)
+    return Absorber(*form.formula(mu))
 
 
 def _den_hartog(mu: float) -> tuple[float, float, float]:

@@ -17,7 +17,7 @@ from scipy.optimize import minimize, root
 from mm_gym.analysis.linear import Linear, characteristic, linear_values
 from mm_gym.arrays import Array
 from mm_gym.errors import DesignError, check_name, refuse
-from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import Scene, require_scene
 from mm_gym.tuning.closed_forms import CLOSED_FORMS, closed_form
 from mm_gym.tuning.reach import obstacle, reach_of, springs_with, tuned_field
 from mm_gym.tuning.result import Design, Reference, Tuning
@@ -383,6 +383,7 @@ def _goal(scene: Scene, excitation: str | None, channel: str, criterion: str) ->
 
 def excitation_of(scene: Scene, excitation: str | None) -> str:
     """Return the excitation that is meant: that of the scene where none is given."""
+    require_scene(scene)
     if excitation is not None:
         return excitation
     targets = {part.target for part in scene.excitation}

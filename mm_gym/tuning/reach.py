@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
-from mm_gym.errors import DesignError, OutOfReachError
+from mm_gym.errors import DesignError, OutOfReachError, positive_number
 from mm_gym.scene.mechanics import WITHOUT_STRETCH
-from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import Scene, require_scene
 
 REACHED = 1e-9  # relative distance from the end of the springs' range that is round-off
 
@@ -23,8 +23,10 @@ def stretch_for(scene: Scene, stiffness: float) -> float:
         If no such stretch exists, or it is beyond the limits of `actuation.stretch`. The message
         states the range that the springs reach, and a suitable `springs.stiffness`.
     DesignError
-        If the scene has no springs.
+        If the scene has no springs, or the stiffness is not a number greater than 0.
     """
+    require_scene(scene)
+    stiffness = positive_number("stiffness", stiffness, DesignError)
     reach, kind = reach_of(scene), scene.springs.kind
     if reach is None or kind in WITHOUT_STRETCH:
         msg = f"springs.kind: {kind!r} has no stretch; allowed: 'small_on_large', 'finite_stretch'"

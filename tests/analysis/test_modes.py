@@ -107,7 +107,7 @@ def test_simulated_steady_state_has_the_amplitude_of_the_response(target):
     assert np.abs(trajectory.state[-200:, :2] - steady).max() < 2e-4 * np.abs(response).max()
 
 
-@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, [[1.0]]])
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, [[1.0]], None, "1"])
 def test_frequencies_must_be_positive(bad):
     with pytest.raises(SceneError, match="frequencies"):
         frequency_response(Scene(), bad)

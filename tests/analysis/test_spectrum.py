@@ -202,6 +202,12 @@ def test_periods_and_damping_ratios_are_checked(periods, damping, words):
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize("wrong", [None, "el_centro.at2", np.zeros((9, 2))])
+def test_what_is_no_record_is_named(wrong):
+    with pytest.raises(SceneError, match=r"^record: got .*allowed: a Record, as read_record"):
+        response_spectrum(wrong)
+
+
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "motion.csv"

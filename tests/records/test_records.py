@@ -260,6 +260,8 @@ def test_file_that_cannot_be_read_is_refused(tmp_path):
     (tmp_path / "el_centro.at2").touch()
     with pytest.raises(SceneError, match=r"no such file; did you mean 'el_centro\.at2'\?"):
         read_record(tmp_path / "elcentro.at2", unit="g")
+    with pytest.raises(SceneError, match=r"^path: got None; allowed: the path of a file"):
+        read_record(None)
     with pytest.raises(SceneError, match=r"no such file$"):
         read_record(tmp_path / "nowhere" / "x.at2", unit="g")
     with pytest.raises(SceneError, match=r"cannot be read: not a file"):

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from tasks import TASKS
 
-from mm_gym import Scene, SceneError, compile_scene, simulate
+from mm_gym import Scene, SceneError, compile_scene, over_rigs, simulate, work_precision
+from mm_gym.analysis import asymptotic_offset, bifurcation, critical_reference_velocity, modes
+from mm_gym.metrics import passive_scene
 from mm_gym.scene.actuators import ForceActuator
 from mm_gym.scene.excitation import Harmonic
 from mm_gym.scene.mechanics import SmallOnLarge
+from mm_gym.tuning import duffing_absorber, evaluate, friction_absorber, stretch_for, tune
 
 SCENES = {"the default": Scene(), **TASKS}
 
@@ -181,9 +184,26 @@ def test_randomization_takes_any_number_of_the_scene():
         }
 
 
-@pytest.mark.parametrize("function", [compile_scene, simulate])
+TAKE_A_SCENE = [
+    *(compile_scene, simulate, over_rigs, work_precision),
+    *(modes, asymptotic_offset, critical_reference_velocity),
+    *(tune, evaluate, duffing_absorber, friction_absorber, passive_scene),
+    lambda scene: simulate(scene, duration=1.0, ground=[[0.0, 0.0], [1.0, 1.0]]),
+    lambda scene: stretch_for(scene, 100.0),
+    lambda scene: bifurcation(scene, "initial.sphere_offset", [0.1]),
+]
+
+
+@pytest.mark.parametrize("function", TAKE_A_SCENE)
 @pytest.mark.parametrize("wrong", ["mm_gym/PreStretch-v0", {"carriage": {"mass": 0.2}}, None])
-def test_what_is_no_scene_is_named_where_a_scene_is_compiled(function, wrong):
+def test_what_is_no_scene_is_named_by_every_function_that_takes_one(function, wrong):
     text = f"scene: got {wrong!r}; allowed: a Scene, as load_scene returns it"
     with pytest.raises(SceneError, match=f"^{re.escape(text)}"):
         function(wrong)
+
+
+@pytest.mark.parametrize("wrong", [None, [], "carriage"])
+def test_fields_that_are_no_dictionary_are_refused(wrong):
+    text = f"Scene: got {wrong!r}; allowed: a dictionary of its fields"
+    with pytest.raises(SceneError, match=f"^{re.escape(text)}"):
+        Scene.of(wrong)

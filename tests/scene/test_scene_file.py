@@ -250,6 +250,8 @@ def test_missing_file_is_named_with_the_nearest_one(tmp_path):
     (tmp_path / "pre_stretch.toml").touch()
     with pytest.raises(SceneError, match=r"no such file; did you mean 'pre_stretch\.toml'\?"):
         load_scene(tmp_path / "prestretch.toml")
+    with pytest.raises(SceneError, match=r"^path: got None; allowed: the path of a file"):
+        load_scene(None)
     with pytest.raises(SceneError, match=r"no such file$"):
         load_scene(tmp_path / "nowhere" / "scene.toml")
 

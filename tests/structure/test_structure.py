@@ -167,6 +167,7 @@ def test_bad_matrices_are_named(arguments, words):
         (lambda: FRAME.reduce(3, 1.5), ["structure.mode", "got 1.5"]),
         (lambda: FRAME.reduce(True), ["structure.device", "got True"]),
         (lambda: rayleigh_damping(GOOD, STIFF, [0.1, 0.1], [1, 1]), ["structure.modes"]),
+        (lambda: rayleigh_damping(GOOD, STIFF, [0.1, 0.1], 2), ["structure.modes", "got 2"]),
         (lambda: rayleigh_damping(GOOD, STIFF, [0.1], [1, 2]), ["structure.ratios"]),
         (lambda: rayleigh_damping(GOOD, STIFF, [0.1, 0.1], [1, 3]), ["structure.modes", "got 3"]),
         (

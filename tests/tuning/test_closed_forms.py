@@ -99,7 +99,9 @@ def test_nishihara_and_asami_keep_their_digits_at_the_extremes(ratio):
 def test_wrong_names_and_mass_ratios_are_refused():
     with pytest.raises(DesignError, match="did you mean 'den_hartog'"):
         closed_form("den_hartogg", 0.1)
-    for ratio in (0.0, -1.0, np.nan, np.inf):
+    with pytest.raises(DesignError, match=r"closed form: got array"):
+        closed_form(np.array(["krenk", "krenk"]), 0.1)
+    for ratio in (0.0, -1.0, np.nan, np.inf, None, "0.1", [0.1, 0.2]):
         with pytest.raises(DesignError, match=r"mass ratio: got .*greater than 0"):
             closed_form("den_hartog", ratio)
     with pytest.raises(DesignError, match="below 2"):

@@ -125,6 +125,8 @@ def test_limits_of_the_actuator_are_the_reach():
     assert stretch_for(scene, 210.0) == 1.0
     with pytest.raises(OutOfReachError):
         stretch_for(scene, 210.1)
+    with pytest.raises(DesignError, match="stiffness: got None; allowed: a finite number"):
+        stretch_for(scene, None)
     with pytest.raises(DesignError, match="has no stretch"):
         stretch_for(TASKS["mm_gym/CarriageForce-v0"], 100.0)
 
