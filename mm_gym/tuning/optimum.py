@@ -133,11 +133,12 @@ def _starts(problem: Problem) -> list[Array]:
         sizes = np.array([problem.measure(point) for point in points])
     order = np.argsort(sizes)
     least = sizes[order[0]]
-    if not np.isfinite(least):
+    if not np.isfinite(least) or least == 0.0:
         excitation, channel, criterion = problem.goal
+        flaw = f"has no finite {criterion}" if least else "is 0"  # of springs that are not there
         msg = (
-            f"channel: {channel!r} under {excitation!r} excitation has no finite {criterion} for "
-            "any damping and stiffness; choose another channel or criterion"
+            f"channel: {channel!r} under {excitation!r} excitation {flaw} for any damping and "
+            "stiffness; choose another channel or criterion"
         )
         raise DesignError(msg)
     spacing = np.array([max(high - low, 1.0) / GRID for low, high in problem.bounds])
@@ -311,7 +312,8 @@ def tune(
     ------
     DesignError
         If a name is unknown, the carriage has no mass, the interface is dry friction, a tuned
-        parameter is drawn, or the criterion is infinite for every damping and stiffness.
+        parameter is drawn, or the criterion is infinite, or the channel 0, for every damping
+        and stiffness.
     """
     goal = _goal(scene, excitation, channel, criterion)
     require_fixed(scene, "interface.damping")

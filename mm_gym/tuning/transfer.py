@@ -55,8 +55,8 @@ def transfer(values: Linear, excitation: str, channel: str) -> Transfer:
         "spring_force": values.k2 * offset,
     }[channel]
     denominator = characteristic(values)
-    while numerator[-1] == 0.0 and denominator[-1] == 0.0 and len(numerator) > 1:
-        numerator, denominator = numerator[:-1], denominator[:-1]
+    while numerator[-1] == 0.0 and denominator[-1] == 0.0:  # of what never moves, one 0 stays
+        numerator, denominator = numerator[: max(1, len(numerator) - 1)], denominator[:-1]
     return Transfer(numerator, denominator)
 
 

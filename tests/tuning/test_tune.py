@@ -165,11 +165,31 @@ def test_stretch_gives_the_stiffness_asked_for():
             {"channel": "sphere_displacement", "excitation": "ground"},
             "no finite h_infinity",
         ),
+        (
+            {"springs": {"kind": "none"}},
+            {"channel": "spring_force"},
+            "'spring_force' under 'force' excitation is 0 for any damping",
+        ),
+        (
+            {"springs": {"kind": "none"}},
+            {"channel": "spring_force", "criterion": "h2"},
+            "'spring_force' under 'force' excitation is 0 for any damping",
+        ),
     ],
 )
 def test_what_cannot_be_tuned_is_refused_with_the_reason(changes, options, message):
     with pytest.raises(DesignError, match=message):
         tune(rig(0.1).replace(**changes), **options)
+
+
+@pytest.mark.parametrize("criterion", ["h_infinity", "h2"])
+def test_uncoupled_sphere_stays_where_it_is_under_a_force(criterion):
+    free = {"interface": {"kind": "none"}, "springs": {"kind": "none"}}
+    for channel in ("sphere_displacement", "sphere_velocity"):
+        found = evaluate(
+            rig(0.1, damping=5.0).replace(**free), channel=channel, criterion=criterion
+        )
+        assert found.value == found.peak == 0.0
 
 
 @pytest.mark.parametrize("name", TASKS)
