@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from mm_gym import Scene, compile_scene
-from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
+from mm_gym import Scene, SceneError, compile_scene
+from mm_gym.analysis import (
+    spring_energy,
+    spring_force,
+    spring_stiffness,
+    stretch_for_stiffness,
+)
 
 SPRINGS = {"kind": "small_on_large", "stiffness": 35.0}
 
@@ -25,3 +30,16 @@ def test_stretch_is_the_inverse_of_stiffness():
 
 def test_no_stretch_softens_the_springs_to_twice_their_stiffness():
     np.testing.assert_array_equal(stretch_for_stiffness([70.0, 10.0], 35.0), np.inf)
+
+
+@pytest.mark.parametrize("stretch", [0.0, -1.0, [1.5, -0.5]])
+def test_no_spring_has_a_stretch_of_0_or_less(stretch):
+    with pytest.raises(SceneError, match=r"stretch: got .*greater than 0"):
+        spring_stiffness(stretch, 35.0)
+
+
+@pytest.mark.parametrize("offset", [0.16, -0.2])
+def test_collapsed_springs_have_neither_force_nor_energy(offset):
+    # With a stretch of 1.5 and a rest length of 0.1 m, one side has length 0 at 0.15 m.
+    assert np.isnan(spring_force(offset, 1.5, 35.0, 0.1))
+    assert np.isnan(spring_energy(offset, 1.5, 35.0, 0.1))
