@@ -136,6 +136,7 @@ def _h2_ground_displacement(mu: float) -> tuple[float, float, float]:
 
 
 def _maximum_stability(mu: float) -> tuple[float, float, float]:
+    # (s^2 + zeta s + f)^2: its double pair is complex for mu < 4, and one real root slower beyond.
     zeta = sqrt(mu / (1.0 + mu))
     return 1.0 / (1.0 + mu), zeta, -0.5 * zeta
 
@@ -202,7 +203,7 @@ CLOSED_FORMS: dict[str, ClosedForm] = {
         "ground", DISPLACEMENT, H2, VARIANCE, 2.0, WARBURTON, _h2_ground_displacement
     ),
     "maximum_stability": ClosedForm(
-        *("force", DISPLACEMENT, STABILITY, ABSCISSA, ANY),
+        *("force", DISPLACEMENT, STABILITY, ABSCISSA, 4.0),
         "Yamaguchi, Damping of transient vibration by a dynamic absorber, Trans. JSME C 54 (1988)",
         _maximum_stability,
     ),

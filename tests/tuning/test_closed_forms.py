@@ -96,6 +96,20 @@ def test_nishihara_and_asami_keep_their_digits_at_the_extremes(ratio):
         assert abs(found.damping_ratio / zeta - 1) <= 1e-14
 
 
+@pytest.mark.parametrize("name", ["maximum_stability", "lanchester_stability"])
+def test_slowest_decay_is_that_of_a_pair_for_mass_ratios_below_4_and_refused_above(name):
+    ratio = 3.99
+    optimum = closed_form(name, ratio)
+    c, k2 = optimum.damping(ratio, 1.0), optimum.stiffness(ratio, 1.0)
+    slowest = np.roots(
+        np.trim_zeros([ratio, c * (1.0 + ratio), k2 + ratio * (1.0 + k2), c, k2], "b")
+    )
+    assert slowest.real.max() == pytest.approx(optimum.value, rel=1e-6)
+    for above in (4.0, 5.0):
+        with pytest.raises(DesignError, match="below 4"):
+            closed_form(name, above)
+
+
 def test_wrong_names_and_mass_ratios_are_refused():
     with pytest.raises(DesignError, match="did you mean 'den_hartog'"):
         closed_form("den_hartogg", 0.1)
