@@ -249,6 +249,10 @@ def _shapes(values: Linear, eigenvalues: Roots) -> NDArray[np.complex128]:
         first = m1 * s * s + (c + d) * s + k1 + k2
         second = m2 * s * s + coupling
         shape = np.array([second, coupling])
+        size = abs(s)  # orthogonal to the row whose diagonal keeps more digits
+        own = m1 * size**2 + (c + d) * size + abs(k1) + k2
+        if abs(first) * (m2 * size**2 + c * size + k2) > abs(second) * own:
+            shape = np.array([coupling, first])
         if coupling == 0.0:  # the row can vanish if nothing couples the sphere
             shape = np.array([1.0, 0.0] if abs(first) < abs(second) else [0.0, 1.0])
         largest = int(np.argmax(np.abs(shape)))

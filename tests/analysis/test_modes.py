@@ -107,6 +107,18 @@ def test_simulated_steady_state_has_the_amplitude_of_the_response(target):
     assert np.abs(trajectory.state[-200:, :2] - steady).max() < 2e-4 * np.abs(response).max()
 
 
+def test_carriage_all_but_stays_while_the_sphere_creeps_back():
+    # The sphere creeps at s = -k2 / c, and the force of its inertia moves the carriage.
+    damper, springs = {"kind": "viscous", "damping": 800.0}, {"kind": "linear", "stiffness": 6.0}
+    carriage, sphere = {"mass": 0.25, "stiffness": 2e6, "damping": 200.0}, {"mass": 0.004}
+    scene = Scene(carriage=carriage, sphere=sphere, interface=damper, springs=springs)
+    found = modes(scene)
+    assert found.eigenvalues[0] == pytest.approx(-6.0 / 800.0, rel=1e-6)
+    expected = -0.004 * (6.0 / 800.0) ** 2 / 2e6
+    assert found.shapes[1, 0] == 1.0
+    assert abs(found.shapes[0, 0] - expected) < 1e-14
+
+
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, [[1.0]], None, "1"])
 def test_frequencies_must_be_positive(bad):
     with pytest.raises(SceneError, match="frequencies"):
