@@ -176,6 +176,7 @@ def test_run_with_own_code_is_scored_if_trusted_and_not_continued_with_other_cod
     base = f"{written(tmp_path, LAW)}:Law"
     run, settings = Run("own", tmp_path), settings_of(base=base)
     train(settings, run, bar=False)
+    assert run.scoring.endswith("/own --trust")
     with pytest.raises(
         PolicyError,
         match=r"own.py:Law: scoring executes .*allow it with --trust",
