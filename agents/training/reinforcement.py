@@ -21,6 +21,7 @@ from typing import Any, cast
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
@@ -252,17 +253,39 @@ REPLAYED = ("observations", "next_observations", "actions", "rewards", "dones", 
 KEPT = ("_last_obs", "_last_original_obs", "_last_episode_starts")
 """What a model keeps of the last step, where it does."""
 
+COUNTS = ("num_timesteps", "_n_updates", "pos")  # attributes that are numbers of at least 0
+
+
+def _places(model: BaseAlgorithm) -> dict[str, tuple[Any, str]]:
+    """Return where a model keeps what is not learned, by name: an object, and its attribute."""
+    statistics, buffer = model.get_vec_normalize_env(), _buffer(model)
+    found: list[tuple[str, Any, str]] = [
+        *((f"model/{name}", model, name) for name in KEPT),
+        ("model/steps", model, "num_timesteps"),
+        ("model/updates", model, "_n_updates"),
+        ("normalisation/returns", statistics, "returns"),
+        ("normalisation/seen", statistics, "old_obs"),
+        ("replay/position", buffer, "pos"),
+        ("replay/full", buffer, "full"),
+    ]
+    for name in ("obs_rms", "ret_rms"):
+        running = getattr(statistics, name, None)
+        found += [(f"normalisation/{name}.{one}", running, one) for one in ("mean", "var", "count")]
+    return {name: (owner, attribute) for name, owner, attribute in found if owner is not None}
+
 
 def state_of(model: BaseAlgorithm) -> Arrays:
     """Return copies of all that the next steps depend on, between two rollouts."""
-    return joined(
-        **_networks(model),
-        lanes=_lanes(model).get_state(),
-        model=_own(model),
-        random=_generators(model),
-        normalisation=_normalisation(model),
-        replay=_replayed(model),
-    )
+    kept = {name: getattr(*place, None) for name, place in _places(model).items()}
+    arrays = {name: np.array(value) for name, value in kept.items() if value is not None}
+    cells, buffer = getattr(model, "_last_lstm_states", None), _buffer(model)
+    if cells is not None:
+        arrays["model/memory"] = np.stack([_copy(tensor) for pair in cells for tensor in pair])
+    if buffer is not None:
+        replayed = {name: getattr(buffer, name)[: _filled(buffer)].copy() for name in REPLAYED}
+        arrays |= joined(replay=replayed)
+    state, random = _lanes(model).get_state(), _generators(model)
+    return arrays | joined(**_networks(model), lanes=state, random=random)
 
 
 def restore(model: BaseAlgorithm, arrays: Arrays) -> None:
@@ -273,36 +296,40 @@ def restore(model: BaseAlgorithm, arrays: Arrays) -> None:
     """
     _restore_networks(model, arrays)
     _lanes(model).set_state(part(arrays, "lanes"))
-    own = part(arrays, "model")
-    model.num_timesteps = _count(own, "steps")
-    model._n_updates = _count(own, "updates")  # noqa: SLF001 - SB3 keeps them to itself
-    for name in KEPT:
-        if name in own:
-            ends = name == "_last_episode_starts"
-            check_shapes(own, {name: _seen(model)[:1] if ends else _seen(model)})
-            setattr(model, name, own[name])
-    if "memory" in own:
-        cells = model._last_lstm_states  # noqa: SLF001
-        check_shapes(own, {"memory": (4, *cells[0][0].shape)})
-        state, output, *others = (_tensor(array) for array in own["memory"])
+    seen = _lanes(model).num_envs, *model.observation_space.shape
+    begun = dict.fromkeys((*KEPT, "old_obs"), seen) | {"_last_episode_starts": seen[:1]}
+    for name, (owner, attribute) in _places(model).items():
+        if attribute in KEPT and name not in arrays:
+            continue
+        shape = begun.get(attribute) or np.shape(getattr(owner, attribute))
+        check_shapes(arrays, {name: shape})
+        value = arrays[name] if shape else arrays[name].item()
+        if attribute in COUNTS and value < 0:
+            refuse(name, f"{value}", "0 or more", ValueError)
+        setattr(owner, attribute, value)
+    if "model/memory" in arrays:
+        cells = model._last_lstm_states  # noqa: SLF001 - SB3 keeps them to itself
+        check_shapes(arrays, {"model/memory": (4, *cells[0][0].shape)})
+        state, output, *others = (_tensor(array) for array in arrays["model/memory"])
         model._last_lstm_states = type(cells)((state, output), tuple(others))  # noqa: SLF001
     _restore_generators(model, part(arrays, "random"))
-    _restore_normalisation(model, part(arrays, "normalisation"))
-    _restore_replayed(model, part(arrays, "replay"))
+    buffer = _buffer(model)
+    if buffer is not None:
+        filled = _filled(buffer)
+        if not buffer.pos <= filled <= buffer.buffer_size:
+            refuse("position", f"{buffer.pos}", f"at most {buffer.buffer_size}", ValueError)
+        for name, own in ((name, getattr(buffer, name)) for name in REPLAYED):
+            check_shapes(arrays, {f"replay/{name}": (filled, *own.shape[1:])})
+            own[:filled] = arrays[f"replay/{name}"]
 
 
-def _count(arrays: Arrays, name: str) -> int:
-    """Return one of several numbers; raise `ValueError` if it is not 0 or more."""
-    check_shapes(arrays, {name: ()})
-    number = int(arrays[name])  # pyright: ignore[reportArgumentType] - a number, as checked
-    if number < 0:
-        refuse(name, f"{number}", "0 or more", ValueError)
-    return number
+def _buffer(model: BaseAlgorithm) -> ReplayBuffer | None:
+    return getattr(model, "replay_buffer", None)
 
 
-def _seen(model: BaseAlgorithm) -> tuple[int, ...]:
-    """Return the shape of an observation of all lanes."""
-    return _lanes(model).num_envs, *model.observation_space.shape
+def _filled(buffer: ReplayBuffer) -> int:
+    """Return how many steps are in a replay buffer."""
+    return buffer.buffer_size if buffer.full else buffer.pos
 
 
 def _lanes(model: BaseAlgorithm) -> TrainingLanes:
@@ -337,11 +364,14 @@ def _restore_networks(model: BaseAlgorithm, arrays: Arrays) -> None:
         target = recursive_getattr(model, name)
         state = {key: _tensor(array) for key, array in part(arrays, name).items()}
         if isinstance(target, torch.optim.Optimizer):
+            parameters = [one for group in target.param_groups for one in group["params"]]
             moments: dict[int, dict[str, torch.Tensor]] = {}
             for key, tensor in state.items():
                 number, moment = key.split("/")
+                shape = parameters[int(number)].shape
+                if tensor.ndim and tensor.shape != shape:
+                    refuse(f"{name}/{key}", f"shape {(*tensor.shape,)}", f"{(*shape,)}", ValueError)
                 moments.setdefault(int(number), {})[moment] = tensor
-            _check_moments(target, moments)
             target.load_state_dict(target.state_dict() | {"state": moments})
         else:
             target.load_state_dict(state)
@@ -349,35 +379,8 @@ def _restore_networks(model: BaseAlgorithm, arrays: Arrays) -> None:
         recursive_getattr(model, name).data = _tensor(arrays[f"tensors/{name}"])
 
 
-def _check_moments(
-    optimiser: torch.optim.Optimizer, moments: dict[int, dict[str, torch.Tensor]]
-) -> None:
-    """Raise `ValueError` unless the moments are numbers, or have the shapes of the parameters."""
-    parameters = [one for group in optimiser.param_groups for one in group["params"]]
-    for number, own in moments.items():
-        for name, moment in own.items():
-            if moment.ndim and moment.shape != parameters[number].shape:
-                msg = f"{name} of parameter {number}: got shape {tuple(moment.shape)}; "
-                raise ValueError(msg + f"allowed: {tuple(parameters[number].shape)}")
-
-
 def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array
     return torch.from_numpy(np.array(array))
-
-
-def _own(model: BaseAlgorithm) -> Arrays:
-    kept = {name: np.array(getattr(model, name)) for name in KEPT if _has(model, name)}
-    if _has(model, "_last_lstm_states"):
-        cells = model._last_lstm_states  # noqa: SLF001
-        kept["memory"] = np.stack([_copy(tensor) for pair in cells for tensor in pair])
-    return kept | {
-        "steps": np.asarray(model.num_timesteps),
-        "updates": np.asarray(model._n_updates),  # noqa: SLF001
-    }
-
-
-def _has(model: BaseAlgorithm, name: str) -> bool:
-    return getattr(model, name, None) is not None
 
 
 def _generators(model: BaseAlgorithm) -> Arrays:
@@ -409,55 +412,3 @@ def _restore_generators(model: BaseAlgorithm, arrays: Arrays) -> None:
         }
     )
     model.action_space.np_random.bit_generator.state = json.loads(str(arrays["first_actions"]))
-
-
-def _normalisation(model: BaseAlgorithm) -> Arrays:
-    """Return the running moments of observations and returns, if there are any."""
-    statistics = model.get_vec_normalize_env()
-    if statistics is None:
-        return {}
-    arrays: Arrays = {"returns": statistics.returns.copy(), "seen": statistics.old_obs.copy()}
-    for name in ("obs_rms", "ret_rms"):
-        moments = getattr(statistics, name, None)
-        if moments is not None:
-            arrays |= {
-                f"{name}.{moment}": np.array(getattr(moments, moment))
-                for moment in ("mean", "var", "count")
-            }
-    return arrays
-
-
-def _restore_normalisation(model: BaseAlgorithm, arrays: Arrays) -> None:
-    statistics = model.get_vec_normalize_env()
-    if statistics is None:
-        return
-    check_shapes(arrays, {"returns": _seen(model)[:1], "seen": _seen(model)})
-    statistics.returns, statistics.old_obs = arrays["returns"], arrays["seen"]
-    for key, array in arrays.items():
-        name, _, moment = key.partition(".")
-        if moment:
-            moments = getattr(statistics, name)
-            check_shapes(arrays, {key: np.shape(getattr(moments, moment))})
-            setattr(moments, moment, array if array.ndim else array.item())
-
-
-def _replayed(model: BaseAlgorithm) -> Arrays:
-    buffer = getattr(model, "replay_buffer", None)
-    if buffer is None:
-        return {}
-    filled = buffer.buffer_size if buffer.full else buffer.pos
-    arrays: Arrays = {name: getattr(buffer, name)[:filled].copy() for name in REPLAYED}
-    return arrays | {"position": np.asarray(buffer.pos), "full": np.asarray(buffer.full)}
-
-
-def _restore_replayed(model: BaseAlgorithm, arrays: Arrays) -> None:
-    buffer = getattr(model, "replay_buffer", None)
-    if buffer is not None:
-        buffer.pos, buffer.full = _count(arrays, "position"), bool(arrays["full"])
-        filled = buffer.buffer_size if buffer.full else buffer.pos
-        if not buffer.pos <= filled <= buffer.buffer_size:
-            refuse("position", f"{buffer.pos}", f"at most {buffer.buffer_size}", ValueError)
-        for name in REPLAYED:
-            own = getattr(buffer, name)
-            check_shapes(arrays, {name: (filled, *own.shape[1:])})
-            own[:filled] = arrays[name]
