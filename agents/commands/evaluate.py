@@ -28,10 +28,9 @@ from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import BASELINES, Episodes, read_field
 from agents.evaluation.studies import Records, Studies, check_records, measure
 from agents.policies import AnyPolicy, PolicyError, load_policy
+from agents.report.charts import draw_costs, draw_response
 from agents.report.comparison import report_comparison
 from agents.report.pages import (
-    draw_costs,
-    draw_response,
     print_ranking,
     print_table,
     printed,

@@ -1,35 +1,22 @@
 """The files, the printed tables and the figures of a comparison."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator, Sequence
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.conclusions import THRESHOLDS, Comparison, Row
-from agents.evaluation.studies import DELAY, NOISE, NOMINAL, RECORD, TaskResult
-from agents.report.pages import (
-    logarithmic,
-    not_scored_cells,
-    percent,
-    print_table,
-    render,
-    study_label,
-    write_rows,
-)
+from agents.evaluation.studies import TaskResult
+from agents.report.charts import LINE, draw, frequency, robustness
+from agents.report.pages import not_scored_cells, percent, print_table, render, write_rows
 from mm_gym import SceneError
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.files import read_text, write_text
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COST, SCORE = ("cost", "95 % interval"), ("score", "95 % interval")
 PAGE = ("worst episode", "worst tenth", "change", "95 % interval", "won")
@@ -310,10 +297,6 @@ def page(comparison: Comparison) -> str:
     return render("comparison", episodes=episodes_in_words(comparison), tasks=tasks, **told)
 
 
-LINE = 0.17  # height of a line of text [inch]
-COLUMNS = 2  # panels side by side
-
-
 def draw_comparison(comparison: Comparison, folder: Path) -> None:
     """Draw all figures of a comparison into a folder."""
     draw_intervals(comparison, folder / "costs.png")
@@ -322,9 +305,9 @@ def draw_comparison(comparison: Comparison, folder: Path) -> None:
     for result in comparison.results:
         name = _file_name(result.task, [one.task for one in comparison.results])
         if result.outcomes:
-            draw_robustness(result, folder / f"robustness_{name}.png")
+            draw(robustness(result.outcomes), result.labels, folder / f"robustness_{name}.png")
         if result.loops:
-            draw_closed_loops(result, folder / f"frequency_{name}.png")
+            draw(frequency(result.loops), result.labels, folder / f"frequency_{name}.png", 1)
 
 
 def _file_name(task: str, tasks: Sequence[str]) -> str:
@@ -383,81 +366,3 @@ def draw_aggregates(comparison: Comparison, path: Path) -> None:
         right.set_ylim(-0.02, 1.02)
         legend_below(figure, right, 3)
         save(figure, path)
-
-
-def draw_robustness(result: TaskResult, path: Path) -> None:
-    """Draw each controller's cost over what is changed, a panel a study, the records in one."""
-    studies = list(dict.fromkeys(one.study for one in result.outcomes if one.study != NOMINAL))
-    records = [study for study in studies if study.startswith(RECORD)]
-    titles = [study for study in studies if study not in records] + [RECORD] * bool(records)
-    rows = -(-len(titles) // COLUMNS)
-    height = 2.2 * rows + LINE * len(result.labels) / COLUMNS + 0.5
-    with style():
-        figure, axes = panels(height, rows, COLUMNS, sharey="all")
-        for panel in axes[len(titles) :]:
-            panel.set_visible(False)
-        for panel, title in zip(axes, titles, strict=False):
-            for k, label in enumerate(result.labels):
-                points = _points(result, label, title)
-                panel.plot(*np.array(points).T, **_look(k), marker=".", label=label)
-            panel.set_xlabel(study_label(title))
-            panel.margins(x=0.04)
-            logarithmic(panel)
-            if title == RECORD:
-                panel.set_xticks(range(len(records)), [name.partition(" ")[2] for name in records])
-                panel.margins(x=0.5)
-            elif title == DELAY:
-                panel.set_xticks(range(len(_points(result, result.labels[0], title))))
-        for panel in axes[::COLUMNS]:
-            panel.set_ylabel("cost [-]")
-        legend_below(figure, axes[0], COLUMNS)
-        save(figure, path)
-
-
-def _points(result: TaskResult, label: str, study: str) -> list[tuple[float, float]]:
-    """Return levels and costs of a controller in a study, with the scene as designed among them."""
-    own = [one for one in result.outcomes if one.label == label]
-    as_designed = next(one.cost for one in own if one.study == NOMINAL)
-    if study == RECORD:
-        costs = [one.cost for one in own if one.study.startswith(RECORD)]
-        return [(float(k), cost) for k, cost in enumerate(costs)]
-    points = [(one.level, one.cost) for one in own if one.study == study]
-    if study.startswith("carriage."):
-        points.append((1.0, as_designed))
-    elif study == NOISE:
-        points.append((0.0, as_designed))
-    return sorted(points)
-
-
-def draw_closed_loops(result: TaskResult, path: Path) -> None:
-    """Draw each controller's steady amplitude over frequency, a panel an amplitude of the force."""
-    forces = result.loops[0].forces
-    with style():
-        figure, axes = panels(
-            2.1 * len(forces) + LINE * len(result.loops) / 2 + 0.4, len(forces), 1, sharex="all"
-        )
-        for k, loop in enumerate(result.loops):
-            for panel, gain in zip(axes, loop.gain, strict=True):
-                panel.plot(loop.frequencies, gain, **_look(k), label=loop.label)
-        for panel, force in zip(axes, forces, strict=True):
-            panel.set_xscale("log")
-            logarithmic(panel)
-            panel.set_title(f"harmonic force of {force:.3g} N")
-            panel.set_ylabel("|x1| k1 / F [-]")
-        axes[-1].set_xlabel("frequency of the force [rad/s]")
-        _plain_digits(axes[-1])
-        legend_below(figure, axes[0], 2)
-        save(figure, path)
-
-
-def _look(k: int) -> dict[str, str]:
-    """Return colour and style of the k-th controller, so that equal lines can be told apart."""
-    return {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[k % len(STYLES)]}
-
-
-def _plain_digits(axes: Axes) -> None:
-    from matplotlib import ticker  # noqa: PLC0415 - optional
-
-    axes.xaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)))
-    axes.xaxis.set_major_formatter(ticker.ScalarFormatter())
-    axes.xaxis.set_minor_formatter(ticker.NullFormatter())

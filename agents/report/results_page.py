@@ -10,7 +10,8 @@ from agents.evaluation.aggregates import performance_profile
 from agents.evaluation.headroom import CLASSICAL, read_scores
 from agents.evaluation.plans import Effort, Planner
 from agents.evaluation.sealed import read_sealed
-from agents.report.pages import cost_range, logarithmic, percent, printed, render, span
+from agents.report.charts import logarithmic
+from agents.report.pages import cost_range, percent, printed, render, span
 from agents.report.published import controller_of, read_published
 from agents.report.score_pages import of_sealed, standing
 from agents.scoring import Evaluation, evaluate, tail_mean

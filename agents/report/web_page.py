@@ -12,9 +12,10 @@ from markupsafe import Markup
 
 from agents.evaluation.conclusions import Comparison
 from agents.evaluation.contestants import Episodes, Field
-from agents.evaluation.studies import DELAY, NOISE, NOMINAL, Motions, Studies, TaskResult
+from agents.evaluation.studies import Motions, Studies, TaskResult
+from agents.report.charts import Panel, frequency, robustness
 from agents.report.comparison import against, episodes_in_words, paired_cells
-from agents.report.pages import FOLDER, not_scored_cells, study_label, web_page
+from agents.report.pages import FOLDER, not_scored_cells, web_page
 from agents.scoring import FREQUENCY, spread_frequency
 from agents.training.runs import Run, by_dotted_name, commit, versions
 from mm_gym import Scene
@@ -22,32 +23,12 @@ from mm_gym.arrays import Array
 from mm_gym.drawing import ACTUATORS, COLOURS
 from mm_gym.tasks import short_name
 
-Points = list[float | None]
-
 LARGEST = 5 * 2**20  # size that a page stays below [bytes]
 DIGITS = 5  # significant digits of what is drawn: a fiftieth of a pixel
 SHOWN = 2_000  # control steps of a response that are drawn, from its start
 
 BRIGHT = ("#56B4E9", "#F08A4B", "#2FBF94", "#E2A1C8", "#F2B632", "#9AD4F5", "#F2F2F2")
 """The colours of `COLOURS`, lighter: on a dark ground."""
-
-
-@dataclass(frozen=True)
-class Panel:
-    """Axes with a curve of each controller over common abscissas."""
-
-    # x, curves: abscissas (n,), and ordinates (n,) of each controller, None where there is nothing
-    # to draw; a controller without a curve has an empty one
-    x: Points
-    curves: list[Points]
-    # x_label, y_label: with units
-    x_label: str
-    y_label: str
-    # x_log, y_log: whether an axis is logarithmic
-    x_log: bool = False
-    y_log: bool = False
-    held: bool = False  # whether a value holds from the instant before to its own
-    title: str = ""  # above the axes
 
 
 @dataclass(frozen=True)
@@ -61,6 +42,12 @@ class Group:
     linked: bool = False
 
 
+STEADY = (
+    "Steady amplitude of x1 at the frequency of a harmonic force, which takes the place of the "
+    "excitation, over the static deflection. Linear loops are the same at every amplitude."
+)
+CHANGED = "Each controller as it is, on scenes that differ from the one it was made for."
+
 STUDIED = Studies(robustness=True, frequency=True, motions=True)  # what the page takes
 
 
@@ -69,7 +56,7 @@ def report_page(compared: Field, comparison: Comparison) -> str:
     tasks = [_on_page(compared, comparison, result) for result in comparison.results]
     charts = [
         {name: task[name] for name in ("labels", "agents", "springs")}
-        | {"groups": [asdict(group) for group in task["groups"]]}
+        | {"groups": [_data(group) for group in task["groups"]]}
         for task in tasks
     ]
     return web_page(
@@ -106,8 +93,8 @@ def _on_page(compared: Field, comparison: Comparison, result: TaskResult) -> dic
         _responses(scene, found, median),
         _spectra(found),
         _costs(scene, result, labels, comparison.episodes),
-        _frequency(result),
-        _robustness(result),
+        Group("frequency", "Steady response over frequency", STEADY, frequency(result.loops)),
+        Group("robustness", "Robustness", CHANGED, robustness(result.outcomes)),
     ]
     fields = by_dotted_name(scene.model_dump(mode="json"))
     return {
@@ -126,16 +113,24 @@ def _on_page(compared: Field, comparison: Comparison, result: TaskResult) -> dic
     }
 
 
-def _points(values: Array) -> Points:
+def _data(group: Group) -> dict[str, Any]:
+    """Return a group as what JSON can hold."""
+    found = asdict(group)
+    for panel in found["panels"]:
+        panel["x"], panel["curves"] = _points(panel["x"]), [_points(one) for one in panel["curves"]]
+    return found
+
+
+def _points(values: Array) -> list[float | None]:
     return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
 
 
 def _responses(scene: Scene, found: Sequence[Motions], episode: int) -> Group:
     shown = slice(0, SHOWN + 1)
-    time = _points(found[0].time[shown])
 
     def panel(curves: Sequence[Array], label: str, *, held: bool = False) -> Panel:
-        return Panel(time, [_points(one[shown]) for one in curves], "time [s]", label, held=held)
+        shorter = [one[shown] for one in curves]
+        return Panel(found[0].time[shown], shorter, "time [s]", label, held=held)
 
     panels = [
         panel([1e3 * one.displacement[:, episode] for one in found], "carriage x1 [mm]"),
@@ -162,14 +157,12 @@ def _spectra(found: Sequence[Motions]) -> Group:
     highest = np.max([power for _, power in lasted], axis=0)
     end = int(np.flatnonzero(highest >= 1e-6 * highest[2:].max())[-1]) + 1
     kept = slice(2, max(end, 4))
-    curves = [_points(1e6 * power[kept]) if power.size else [] for _, power in pairs]
+    curves = [1e6 * power[kept] for _, power in pairs]
     text = (
         "Power spectral density of x1, the mean over the episodes of the first seed that lasted to "
         "their end: periodograms in Hann's window."
     )
-    panel = Panel(
-        _points(frequencies[kept]), curves, "frequency [Hz]", "of x1 [mm²/Hz]", y_log=True
-    )
+    panel = Panel(frequencies[kept], curves, "frequency [Hz]", "of x1 [mm²/Hz]", y_log=True)
     return Group("spectrum", "Spectrum", text, [panel])
 
 
@@ -188,45 +181,8 @@ def _costs(scene: Scene, result: TaskResult, labels: Sequence[str], episodes: Ep
         title, label = "Cost of the episodes", "episodes that cost at most this [%]"
         text = "Each controller's own order, from its easiest episode to its hardest."
     low = min(float(curve.min()) for curve in curves)
-    panel = Panel(_points(x), [_points(one) for one in curves], label, "cost [-]", y_log=low > 0.0)
+    panel = Panel(x, curves, label, "cost [-]", y_log=low > 0.0)
     return Group("cost", title, text, [panel])
-
-
-def _frequency(result: TaskResult) -> Group:
-    loops = result.loops
-    panels = [
-        Panel(
-            _points(loops[0].frequencies / (2.0 * np.pi)),
-            [_points(loop.gain[k]) for loop in loops],
-            "frequency of the force [Hz]",
-            "|x1| k1 / F [-]",
-            x_log=True,
-            y_log=True,
-            title=f"harmonic force of {force:.3g} N",
-        )
-        for k, force in enumerate(loops[0].forces if loops else ())
-    ]
-    text = (
-        "Steady amplitude of x1 at the frequency of a harmonic force, which takes the place of the "
-        "excitation, over the static deflection. Linear loops are the same at every amplitude."
-    )
-    return Group("frequency", "Steady response over frequency", text, panels)
-
-
-def _robustness(result: TaskResult) -> Group:
-    found, labels = result.outcomes, result.motions
-    designed = {one.label: one.cost for one in found if one.study == NOMINAL}
-    panels: list[Panel] = []
-    for study in dict.fromkeys(one.study for one in found if one.study != NOMINAL):
-        costs = {(one.level, one.label): one.cost for one in found if one.study == study}
-        if study != DELAY:  # it has a level of its own for every delay
-            nominal = 0.0 if study == NOISE else 1.0
-            costs |= {(nominal, name): cost for name, cost in designed.items()}
-        levels = sorted({level for level, _ in costs})
-        curves = [_points(np.array([costs[level, name] for level in levels])) for name in labels]
-        panels.append(Panel(list(levels), curves, study_label(study), "cost [-]", y_log=True))
-    text = "Each controller as it is, on scenes that differ from the one it was made for."
-    return Group("robustness", "Robustness", text, panels)
 
 
 def _runs(compared: Field, task: str) -> dict[str, dict[str, str]]:

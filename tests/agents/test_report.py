@@ -11,15 +11,8 @@ from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 
 from agents.control.feedback import Feedback
 from agents.controllers.constant import ConstantAction, no_control
-from agents.report.pages import (
-    draw_costs,
-    draw_response,
-    look_of,
-    percent,
-    print_ranking,
-    write_episodes,
-    write_scores,
-)
+from agents.report.charts import draw_costs, draw_response, look
+from agents.report.pages import percent, print_ranking, write_episodes, write_scores
 from agents.scoring import Evaluation, evaluate
 
 if TYPE_CHECKING:
@@ -57,7 +50,7 @@ def rows_of(file: Path) -> list[dict[str, str]]:
 
 
 def test_lines_of_the_figure_of_costs_differ_in_style_or_colour() -> None:
-    assert len({look_of(i) for i in range(24)}) == 24
+    assert len({tuple(look(k).values()) for k in range(28)}) == 28
 
 
 def test_ranking_is_by_the_cost_of_the_task(capsys) -> None:
@@ -153,7 +146,7 @@ def test_figures_and_files_name_a_frequency_only_where_one_is_drawn(
         excitation=excitation, randomization=randomization, **{"control.steps": 20}
     )
     drawn: list[Figure] = []
-    monkeypatch.setattr("agents.report.pages.save", lambda figure, _: drawn.append(figure))
+    monkeypatch.setattr("agents.report.charts.save", lambda figure, _: drawn.append(figure))
     results = [
         evaluate(scene, law, episodes=30)
         for law in (Feedback(scene, no_control(scene)), ConstantAction(scene, 0.5))

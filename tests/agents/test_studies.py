@@ -30,7 +30,8 @@ from agents.evaluation.studies import (
     outcomes,
     variants,
 )
-from agents.report.comparison import draw_closed_loops, draw_robustness, write_comparison
+from agents.report.charts import draw, frequency, robustness
+from agents.report.comparison import write_comparison
 from agents.report.pages import print_ranking, write_scores
 from agents.scoring import HELD_OUT_SEED, evaluate
 from mm_gym import SceneError, metrics
@@ -136,7 +137,7 @@ def test_controllers_are_not_told_of_the_change(tmp_path) -> None:
     assert late == sorted(late)  # it does not predict: the later the worse
     still = [one for one in found if one.label == "still" and "noise" in one.study]
     assert [one.ratio for one in still] == [1.0, 1.0, 1.0]
-    draw_robustness(result(("lqr", "still"), outcomes=found), tmp_path / "robustness.png")
+    draw(robustness(found), ("lqr", "still"), tmp_path / "robustness.png")
     assert (tmp_path / "robustness.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -149,7 +150,7 @@ def test_closed_loop_of_no_control_is_the_frequency_response(tmp_path) -> None:
     for gain in found.gain:
         np.testing.assert_allclose(gain, exact * scene.carriage.stiffness, rtol=2e-3)
     assert found.distortion.max() < 5e-3
-    draw_closed_loops(result(("still",), loops=[found]), tmp_path / "frequency.png")
+    draw(frequency([found]), ["still"], tmp_path / "frequency.png", columns=1)
     assert (tmp_path / "frequency.png").read_bytes().startswith(b"\x89PNG")
 
 
