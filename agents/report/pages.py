@@ -13,6 +13,7 @@ from agents.evaluation.aggregates import Estimate
 from agents.scoring import Evaluation
 from mm_gym import Scene
 from mm_gym.files import write_csv
+from mm_gym.tasks import short_name
 
 FOLDER = Path(__file__).with_name("templates")
 
@@ -60,7 +61,8 @@ TEMPLATES = Environment(
     lstrip_blocks=True,
     autoescape=False,  # noqa: S701 - it is Markdown
 )
-TEMPLATES.globals |= {"table": markdown, "percent": percent}
+TEMPLATES.globals |= {"table": markdown, "percent": percent, "short_name": short_name}
+TEMPLATES.globals |= {"printed": printed, "cost_range": cost_range, "span": span}
 
 
 def render(name: str, **data: object) -> str:

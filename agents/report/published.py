@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from agents.control.controller import Controller
 from agents.policies import PolicyError, load_policy
-from agents.report.pages import cost_range, printed, render
+from agents.report.pages import render
 from agents.scoring import evaluate
 from agents.sweeps.results import Cell, Results
 from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of
@@ -181,28 +181,14 @@ def page(published: Published, results: Results) -> str:
         name: [one for one in known if one not in of_name]
         for name, of_name in _tasks_of(own).items()
     }
-    rows = [
-        [
-            short_name(row.task),
-            row.algorithm,
-            printed(row.cost),
-            cost_range(row.least, row.most),
-            str(row.seeds),
-            str(row.seed),
-            f"{row.size / 1000.0:.1f}",
-            f"`{row.file}`" if row.file else "left out: too large",
-        ]
-        for row in found
-    ]
     return render(
         "published",
-        rows=rows,
+        rows=found,
         largest=LARGEST // 1000,
         episodes=EPISODES,
         scored=list(dict.fromkeys(row.scored for row in found)),
         earlier={name: ", ".join(of_name) for name, of_name in _tasks_of(earlier).items()},
         missing={name: ", ".join(of_name) for name, of_name in lacking.items() if of_name},
-        left_out=any(row.file is None for row in found),
     )
 
 

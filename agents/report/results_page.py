@@ -11,11 +11,11 @@ from agents.evaluation.headroom import CLASSICAL, read_scores
 from agents.evaluation.plans import Effort, Planner
 from agents.evaluation.sealed import read_sealed
 from agents.report.charts import logarithmic
-from agents.report.pages import cost_range, percent, printed, render, span
+from agents.report.pages import printed, render, span
 from agents.report.published import controller_of, read_published
-from agents.report.score_pages import of_sealed, standing
+from agents.report.score_pages import least, of_sealed, standing
 from agents.scoring import Evaluation, evaluate, tail_mean
-from agents.sweeps.results import Cell, Earlier, OnTask, Results, on_tasks, reference_controller
+from agents.sweeps.results import Cell, OnTask, Results, on_tasks, reference_controller
 from agents.sweeps.trials import LEARNERS
 from mm_gym import load_scene
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
@@ -34,10 +34,12 @@ FIGURES = ("curves", "profile", "episodes")
 
 def page(results: Results, folder: str) -> str:
     """Return the page, with the figures of a folder next to it."""
-    known = on_tasks(results)
+    known, earlier = on_tasks(results), results.earlier
     of_best = {one.name: one.best.cost(one.reference) for one in known}
     counts = {(cell.task, cell.algorithm): len(cell.trainings) for _, cell in _each(known)}
-    counts |= {(one.task, one.algorithm): one.seeds for one in results.earlier}
+    counts |= {(one.task, one.algorithm): one.seeds for one in earlier}
+    costs = {(one.task, one.algorithm): f"{printed(one.cost)} ({one.seeds})" for one in earlier}
+    costs |= {(cell.task, cell.algorithm): span(cell.cost()) for _, cell in _each(known)}
     tasks = sorted({task for task, _ in counts}, key=ids().index)
     algorithms = sorted({name for _, name in counts}, key=LEARNERS.index)
     return render(
@@ -49,16 +51,13 @@ def page(results: Results, folder: str) -> str:
         of_sealed=of_sealed(read_sealed()),
         machines=sorted({one.machine for one in results.trainings}),
         algorithms=algorithms,
-        best=[_best(one) for one in known],
-        costs=_costs(known, results.earlier, tasks, algorithms),
-        details=_details(known),
-        earlier=[
-            [
-                *(short_name(one.task), one.algorithm, str(one.seeds)),
-                *(printed(one.cost), cost_range(one.least, one.most)),
-            ]
-            for one in results.earlier
-        ],
+        known=known,
+        earlier=earlier,
+        tasks=tasks,
+        costs=costs,
+        compared=COMPARED,
+        scores=read_scores(tasks=tasks),
+        least=least,
         most=max(counts.values(), default=0),
         fewer=_fewer(tasks, algorithms, counts),
         energy=_energy(known),
@@ -71,56 +70,6 @@ def _each(known: Sequence[OnTask]) -> Iterator[tuple[OnTask, Cell]]:
     for one in known:
         for cell in one.cells:
             yield one, cell
-
-
-def _best(one: OnTask) -> list[str]:
-    best = one.best
-    return [
-        one.name,
-        best.algorithm,
-        str(len(best.trainings)),
-        printed(best.validation),
-        span(best.cost()),
-        one.reference.controller,
-        printed(one.reference.validation),
-        printed(one.reference.cost),
-        span(best.cost(one.reference), 3),
-    ]
-
-
-def _costs(
-    known: Sequence[OnTask],
-    earlier: Sequence[Earlier],
-    tasks: Sequence[str],
-    algorithms: Sequence[str],
-) -> list[list[str]]:
-    """Return the rows of costs: a row for each algorithm and what it is compared with."""
-    told = {(one.task, one.algorithm): f"{printed(one.cost)} ({one.seeds})" for one in earlier}
-    told |= {(cell.task, cell.algorithm): span(cell.cost()) for _, cell in _each(known)}
-    rows = [[name, *(told.get((task, name), "-") for task in tasks)] for name in algorithms]
-    scores = read_scores(tasks=tasks)
-    for label, roles in COMPARED.items():
-        own = [
-            [row["cost"] for row in scores[task]["rows"] if row["role"] in roles] for task in tasks
-        ]
-        rows.append([label, *(printed(min(costs)) if costs else "-" for costs in own)])
-    return rows
-
-
-def _details(known: Sequence[OnTask]) -> list[list[str]]:
-    return [
-        [
-            one.name,
-            cell.algorithm,
-            str(len(cell.trainings)),
-            cost_range(cell.costs.min(), cell.costs.max()),
-            printed(cell.validation),
-            str(cell.cheaper(one.reference)),
-            span(cell.improvement(one.reference), 2),
-            percent(cell.episodes_won(one.reference)),
-        ]
-        for one, cell in _each(known)
-    ]
 
 
 def _fewer(

@@ -15,7 +15,7 @@ from agents.evaluation.rigs import CONTROLLERS, DELAYS, OBSERVED, task_of
 from agents.evaluation.rigs import EPISODES as OF_RIGS
 from agents.evaluation.sealed import EPISODES as SEALED_EPISODES
 from agents.evaluation.sealed import first_seed
-from agents.report.pages import printed, render, span
+from agents.report.pages import render
 from agents.sweeps.results import Results, cells_of
 from agents.sweeps.trials import EPISODES as PENALTIES
 from mm_gym import Scene, compile_scene, load_scene, over_rigs
@@ -249,16 +249,10 @@ def robustness_page(scores: Mapping[str, Any], results: Results) -> str:
             for name, (best, _, agent, _) in compared.items()
             if not (best and agent and agent["rigs"] < best["rigs"])
         ],
-        trained=[
-            [
-                f"`{short_name(name)}`",
-                cell.algorithm + (f", {OBSERVED}" if cell in observed else ""),
-                str(len(cell.trainings)),
-                *(span(cell.cost()), references[name].controller),
-                *(printed(references[name].cost), span(ratios[short_name(name)], 3)),
-            ]
-            for name, cell in cells.items()
-        ],
+        trained=cells,
+        observed=observed,
+        references=references,
+        ratios=ratios,
         of_trained=standing(ratios, len(scores)),
         of_cells=PENALTIES,
     )
@@ -276,11 +270,6 @@ def _compared(rows: Sequence[Row]) -> list[Row | None]:
 
 def sealed_page(data: Mapping[str, Any]) -> str:
     """Return the page of the sealed episodes of a release, as of ``docs/sealed_scores.json``."""
-    compared = [
-        {"task": short_name(task), **one, "agent": _algorithm(task, one["agent"])}
-        for task, rows in data["tasks"].items()
-        for one in rows["compared"]
-    ]
     again = [
         f"{_algorithm(task, row['controller'])} on {short_name(task)}"
         for task, rows in data["tasks"].items()
@@ -293,9 +282,7 @@ def sealed_page(data: Mapping[str, Any]) -> str:
         again=again,
         episodes=SEALED_EPISODES,
         seed=first_seed(data["release"]),
-        compared=compared,
         of_sealed=of_sealed(data),
-        short_name=short_name,
         algorithm=_algorithm,
     )
 
