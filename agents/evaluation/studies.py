@@ -247,21 +247,15 @@ def _harmonic_part(time: Array, values: Array, frequencies: Array) -> tuple[Arra
 UNCONTROLLED, PASSIVE = "no control", "best passive damper"
 
 
-@dataclass(frozen=True)
-class Effort:
-    """The indices of one controller over one reference, averaged over episodes."""
-
-    # label, reference: of the controller, and what its motions are compared with
-    label: str
-    reference: str
-    indices: dict[str, float]  # name -> mean over the episodes, see `mm_gym.metrics.Indices`
-
-
-def efforts(scene: Scene, rows: Sequence[Entry], episodes: Episodes) -> list[Effort]:
+def efforts(
+    scene: Scene, rows: Sequence[Entry], episodes: Episodes
+) -> list[dict[str, str | float]]:
     """Return the indices of every controller of a task, in the episodes of the first seed.
 
-    Of a training with several seeds it is the first run. A scene whose damper cannot be tuned has
-    no passive reference; a carriage without mass has no indices.
+    A row names the controller, what its motions are compared with, and the means over the episodes
+    of the indices that `mm_gym.metrics.Indices` explains. Of a training with several seeds it is
+    the first run. A scene whose damper cannot be tuned has no passive reference; a carriage without
+    mass has no indices.
     """
     seeds = range(episodes.first, episodes.first + episodes.each)
     options = spread_frequency(scene, episodes.each)
@@ -271,7 +265,7 @@ def efforts(scene: Scene, rows: Sequence[Entry], episodes: Episodes) -> list[Eff
         return []
     with suppress(DesignError):
         references[PASSIVE] = metrics.passive_response(scene, seeds, options)
-    found = []
+    found: list[dict[str, str | float]] = []
     for row in rows:
         env = MovingMassVectorEnv(scene, len(seeds), autoreset_mode="Disabled")
         rollout = Rollout(env, row.controllers[0], seed=seeds, options=options)
@@ -283,8 +277,8 @@ def efforts(scene: Scene, rows: Sequence[Entry], episodes: Episodes) -> list[Eff
             sensors = len(scene.sensors.channels)
             measured = asdict(metrics.indices(response, reference, sensors=sensors))
             measured.pop("j17")  # the number of the controller's states
-            means = {index: float(np.mean(values)) for index, values in measured.items()}
-            found.append(Effort(row.label, name, means))
+            means = {f"{index} [-]": float(np.mean(one)) for index, one in measured.items()}
+            found.append({"controller": row.label, "over": name} | means)
     return found
 
 
@@ -357,7 +351,7 @@ class TaskResult:
     # label
     outcomes: Sequence[Outcome] = field(default_factory=list)
     loops: Sequence[ClosedLoop] = field(default_factory=list)
-    efforts: Sequence[Effort] = field(default_factory=list)
+    efforts: Sequence[Mapping[str, str | float]] = field(default_factory=list)
     motions: Mapping[str, Motions] = field(default_factory=dict)
     # Label of each controller that could not be scored -> the reason.
     not_scored: Mapping[str, str] = field(default_factory=dict)

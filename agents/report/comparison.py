@@ -19,8 +19,6 @@ from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.files import read_text, write_text
 
 COST, SCORE = ("cost", "95 % interval"), ("score", "95 % interval")
-PAGE = ("worst episode", "worst tenth", "change", "95 % interval", "won")
-"""The last columns of the page."""
 PAIRED = ("controller", "change of cost", "95 % interval", "episodes won")
 OVERALL = ("controller", "interquartile mean", "95 % interval")
 
@@ -52,7 +50,8 @@ def print_comparison(comparison: Comparison) -> None:
         without = [(cell,) for cell in not_scored_cells(result.not_scored)]
         print_table(result.task, header, [*rows, *without])
     if comparison.overall:
-        print_table("all tasks", OVERALL, _overall(comparison))
+        means = [(one.label, *_two(one.mean, 4)) for one in comparison.overall]
+        print_table("all tasks", OVERALL, means)
     if len(comparison.results) == 1 and len(comparison.results[0].labels) > 1:
         (result,) = comparison.results
         rows = comparison.tables[result.task]
@@ -73,21 +72,6 @@ def _printed_cells(row: Row) -> tuple[str, ...]:
     return (label, *_two(row.cost, 3), *score)
 
 
-def _cells(row: Row) -> tuple[str, ...]:
-    score = () if row.score is None else _two(row.score)
-    seeds = str(row.trainings) if row.trainings > 1 else ""
-    return (
-        row.label,
-        row.reads,
-        seeds,
-        *_two(row.cost),
-        *score,
-        f"{row.worst:.4g}",
-        f"{row.tail:.4g}",
-        *paired_cells(row),
-    )
-
-
 def against(result: TaskResult) -> str:
     """Return the name of what the others on a task are compared with."""
     return result.labels[result.compared]
@@ -102,11 +86,7 @@ def paired_cells(row: Row) -> tuple[str, str, str]:
     return value, f"{low} to {high}", percent(row.won)
 
 
-def _overall(comparison: Comparison) -> list[tuple[str, ...]]:
-    return [(one.label, *_two(one.mean)) for one in comparison.overall]
-
-
-def _two(found: Estimate, digits: int = 4) -> tuple[str, str]:
+def _two(found: Estimate, digits: int) -> tuple[str, str]:
     """Return a value and its interval with so many digits behind the point."""
     value, low, high = (f"{number:.{digits}f}" for number in found)
     return value, f"{low} to {high}"
@@ -186,12 +166,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> None:
     )
     write_rows(
         folder / "effort.csv",
-        (
-            {"task": result.task, "controller": one.label, "over": one.reference}
-            | {f"{name} [-]": value for name, value in one.indices.items()}
-            for result in results
-            for one in result.efforts
-        ),
+        ({"task": result.task} | dict(one) for result in results for one in result.efforts),
     )
     write_text(folder / "comparison.json", json.dumps(as_data(comparison), indent=1) + "\n")
     write_text(folder / "comparison.md", page(comparison))
@@ -279,22 +254,13 @@ def as_data(comparison: Comparison) -> dict[str, object]:
 
 def page(comparison: Comparison) -> str:
     """Return the tables in Markdown."""
-    tasks: list[tuple[str, str, tuple[str, ...], list[tuple[str, ...]]]] = []
-    for result in comparison.results:
-        table = comparison.tables[result.task]
-        score = SCORE if _have_scores(table) else ()
-        header = ("controller", "reads", "seeds", *COST, *score, *PAGE)
-        blank = [""] * (len(header) - 1)
-        texts = [cell.replace("|", r"\|") for cell in not_scored_cells(result.not_scored)]
-        cells = [*map(_cells, table), *((text, *blank) for text in texts)]
-        tasks.append((result.task, against(result), header, cells))
-    names = [one.label for one in comparison.overall]
-    better = [
-        [one.label, *(f"{one.improvement[n]:.2f}" if n in one.improvement else "" for n in names)]
-        for one in comparison.overall
-    ]
-    told = {"overall": _overall(comparison), "names": names, "improvement": better}
-    return render("comparison", episodes=episodes_in_words(comparison), tasks=tasks, **told)
+    return render(
+        "comparison",
+        **vars(comparison) | {"episodes": episodes_in_words(comparison)},
+        paired=paired_cells,
+        not_scored=not_scored_cells,
+        against=against,
+    )
 
 
 def draw_comparison(comparison: Comparison, folder: Path) -> None:

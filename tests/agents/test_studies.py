@@ -178,27 +178,27 @@ def test_effort_is_over_no_control_and_over_the_passive_damper() -> None:
         Entry("lqr", [Feedback(scene, LQR(scene))]),
     ]
     still, passive, lqr, _ = efforts(scene, rows, EPISODES)
-    assert [one.reference for one in (still, passive)] == ["no control", "best passive damper"]
-    assert still.indices["j1"] == still.indices["j4"] == 1.0
-    assert still.indices["j11"] == 0.0
-    assert still.indices["j16"] == 4.0
-    assert lqr.indices["j4"] < 0.7
+    assert [one["over"] for one in (still, passive)] == ["no control", "best passive damper"]
+    assert still["j1 [-]"] == still["j4 [-]"] == 1.0
+    assert still["j11 [-]"] == 0.0
+    assert still["j16 [-]"] == 4.0
+    assert lqr["j4 [-]"] < 0.7
     seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + 8)
     free, damped = (
         of(scene, seeds) for of in (metrics.uncontrolled_response, metrics.passive_response)
     )
     expected = np.mean(free.rms_displacement / damped.rms_displacement)
-    assert passive.indices["j4"] == pytest.approx(expected, rel=1e-12)
+    assert passive["j4 [-]"] == pytest.approx(expected, rel=1e-12)
     friction = CARRIAGE_FORCE_FRICTION
     one = efforts(friction, [Entry("still", [Feedback(friction, no_control(friction))])], EPISODES)
-    assert [effort.reference for effort in one] == ["no control"]
+    assert [effort["over"] for effort in one] == ["no control"]
 
 
 def test_effort_is_of_the_episodes_of_the_comparison() -> None:
     scene = PRE_STRETCH.replace(**{"control.steps": 10})
     (still, _) = efforts(scene, [Entry("still", [Feedback(scene, no_control(scene))])], EPISODES)
     # The law holds the stretch that it sees in single precision; another frequency would show.
-    assert still.indices["j4"] == pytest.approx(1.0, rel=1e-6)
+    assert still["j4 [-]"] == pytest.approx(1.0, rel=1e-6)
 
 
 def test_studies_are_written_with_the_comparison(tmp_path) -> None:
