@@ -5,6 +5,7 @@ policy plays one episode for each seed, in parallel environments. The seed of an
 actions reproduce it to the last bit, see docs/clients/minari.md. Needs the extra `datasets`.
 """
 
+from functools import partial
 from pathlib import PurePath
 from typing import Annotated, Any
 
@@ -15,7 +16,6 @@ from pydantic import Field, JsonValue
 
 from agents.errors import command
 from agents.evaluation.contestants import law_of
-from agents.recording.episodes import Exploration, play
 from agents.training.config import Changes
 from mm_gym import load_scene
 from mm_gym.scene import Document
@@ -64,7 +64,7 @@ def record(settings: RecordSettings) -> str:
     `DesignError`, `PolicyError`, `RunError`, `SceneError` or `SimulationError` if the controller is
     refused, or fails.
     """
-    from agents.recording.dataset import free_id, write  # noqa: PLC0415 - needs an extra
+    from agents.recording import free_id, play, with_noise, write  # noqa: PLC0415 - needs an extra
 
     dataset_id = free_id(settings.wanted_id, new_version=settings.new_version)
     named = task_or_scene(settings.task)
@@ -84,7 +84,7 @@ def record(settings: RecordSettings) -> str:
             law,
             range(settings.seed, settings.seed + settings.episodes),
             lanes=settings.lanes,
-            exploration=Exploration(settings.noise, generator),
+            changed=partial(with_noise, deviation=settings.noise, generator=generator),
             arguments=arguments,
         ),
         {

@@ -1,5 +1,7 @@
 """Are recorded datasets whole, and do their seeds and actions reproduce them?"""
 
+from functools import partial
+
 import gymnasium
 import minari
 import numpy as np
@@ -14,8 +16,7 @@ from agents.controllers.registry import laws
 from agents.errors import DatasetError
 from agents.evaluation.contestants import law_of
 from agents.policies import network
-from agents.recording.dataset import write
-from agents.recording.episodes import Exploration, play
+from agents.recording import play, with_noise, write
 from agents.training.config import TrainSettings
 from agents.training.runs import Run, RunError
 from mm_gym import DesignError, SceneError, load_scene
@@ -90,7 +91,7 @@ def played(lanes, seeds=range(20), deviation=0.0):
         RandomActions(SCENE, generator),
         seeds,
         lanes=lanes,
-        exploration=Exploration(deviation, generator),
+        changed=partial(with_noise, deviation=deviation, generator=generator),
         arguments={"scene": SCENE},
     )
     return [episode for batch in batches for episode in batch]
@@ -133,11 +134,11 @@ def test_random_actions_differ_between_batches():
 
 def test_noise_has_its_deviation_and_stays_in_the_action_space():
     generator = np.random.default_rng(0)
-    noisy = Exploration(0.1, generator).applied_to(np.zeros((10_000, 1)))
+    noisy = with_noise(np.zeros((10_000, 1)), 0.1, generator)
     # The standard deviation of 10,000 samples scatters by 0.7 %.
     assert noisy.std() == pytest.approx(0.1, rel=0.04)
     assert noisy.dtype == np.float32
-    assert np.abs(Exploration(1.0, generator).applied_to(np.zeros((100, 1)))).max() == 1.0
+    assert np.abs(with_noise(np.zeros((100, 1)), 1.0, generator)).max() == 1.0
 
 
 @pytest.mark.parametrize("scene", [CARRIAGE_FORCE, PRE_STRETCH, HYBRID])
@@ -164,8 +165,8 @@ def test_every_law_of_a_task_plays(name):
         except DesignError:
             refused.add(controller)
             continue
-        exploration = Exploration(0.0, generator)
-        (batch,) = play(name, law, [1, 2], lanes=2, exploration=exploration, arguments={})
+        changed = partial(with_noise, deviation=0.0, generator=generator)
+        (batch,) = play(name, law, [1, 2], lanes=2, changed=changed, arguments={})
         whole = scene.control.steps
         # A controller that does not know of the rail's ends may reach one.
         assert all(len(e.rewards) == whole or e.terminations[-1] for e in batch)

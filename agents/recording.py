@@ -1,4 +1,4 @@
-"""Minari datasets, written whole or not at all.
+"""Episodes of a controller on many lanes, and Minari datasets of them, written whole or not at all.
 
 A dataset is a folder, ``<namespace>/<name>-v<version>``, below ``~/.minari/datasets`` or what
 ``MINARI_DATASETS_PATH`` says. It is written in a hidden folder next to the namespaces, which Minari
@@ -8,11 +8,16 @@ does not list, and renamed.
 import os
 import re
 import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 
 try:
     import h5py  # noqa: F401 - what Minari writes with, and does not need itself
@@ -25,12 +30,11 @@ except ImportError as error:
     msg = "Minari is not installed: install the extra `datasets`"
     raise DependencyNotInstalled(msg) from error
 
-from collections.abc import Iterable
-
-import gymnasium
-
+from agents.control.controller import Controller
 from agents.errors import DatasetError
-from agents.recording.episodes import Episode
+from agents.rollout import Rollout
+from mm_gym import MovingMassVectorEnv
+from mm_gym.arrays import Array, Single
 
 _ID = re.compile(
     r"(?P<name>(?:[-_\w]{2,}/(?:[-_\w]+/)*)?[-_\w]+?)(?:-v(?P<version>\d+))?", re.ASCII
@@ -81,7 +85,7 @@ def _newest_version(name: str) -> int | None:
 def write(
     dataset_id: str,
     env: gymnasium.Env[Any, Any],
-    batches: Iterable[list[Episode]],
+    batches: Iterable[list[EpisodeBuffer]],
     description: dict[str, Any],
 ) -> minari.MinariDataset:
     """Write a dataset, and return it.
@@ -105,7 +109,7 @@ def write(
                 data, env.observation_space, env.action_space, env.spec, data_format="hdf5"
             )
             for batch in batches:
-                storage.update_episodes(map(_buffer, batch))
+                storage.update_episodes(batch)
             storage.update_metadata(
                 {
                     "dataset_id": dataset_id,
@@ -124,12 +128,6 @@ def write(
     return minari.load_dataset(dataset_id)
 
 
-def _buffer(episode: Episode) -> EpisodeBuffer:
-    told = dict(vars(episode))
-    infos = {"state": told.pop("states"), "applied": told.pop("applied")}
-    return EpisodeBuffer(**told, infos=infos)  # arrays are stored as they are
-
-
 def _flush(file: Path) -> None:
     """Put a file on the disk before it gets its name."""
     handle = os.open(file, os.O_RDWR)  # Windows flushes no file that is open to be read
@@ -137,3 +135,78 @@ def _flush(file: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def with_noise(
+    actions: NDArray[np.floating[Any]], deviation: float, generator: np.random.Generator
+) -> Single:
+    """Return actions with Gaussian noise, within [-1, 1] and in the type of the action space.
+
+    The environment would also take double precision and clip by itself; but what is recorded must
+    be what was done.
+    """
+    noise = deviation * generator.standard_normal(actions.shape)
+    return np.clip(actions + noise, -1.0, 1.0).astype(np.float32)
+
+
+def play(
+    task: str,
+    controller: Controller,
+    seeds: Sequence[int],
+    *,
+    lanes: int,
+    changed: Callable[[Array], Single],
+    arguments: Mapping[str, Any],
+) -> Iterator[list[EpisodeBuffer]]:
+    """Play one episode a seed, so many lanes at a time, and yield each batch in the seeds' order.
+
+    What is done in the place of the controller's actions is `changed` of them; the seed of an
+    episode and its actions reproduce it to the last bit. Further arguments are those of the
+    environment. Raise `ActionError` if the controller's actions are not finite; `PolicyError` if a
+    trained policy is of other observations or actions; `SimulationError` if a motion cannot be
+    followed.
+    """
+    for first in range(0, len(seeds), lanes):
+        batch = list(seeds[first : first + lanes])
+        env = gymnasium.make_vec(
+            task,
+            num_envs=len(batch),
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=AutoresetMode.DISABLED,
+            **arguments,
+        )
+        yield _play_batch(env, controller, batch, changed)  # pyright: ignore[reportArgumentType]
+        env.close()
+
+
+def _play_batch(
+    env: MovingMassVectorEnv,
+    controller: Controller,
+    seeds: list[int],
+    changed: Callable[[Array], Single],
+) -> list[EpisodeBuffer]:
+    rollout = Rollout(env, controller, seed=seeds, changed=changed)
+    starts = [(rollout.observation, rollout.info["state"], rollout.info["applied"])]
+    steps, length = [], np.zeros(len(seeds), np.int64)
+    for made in rollout:
+        starts.append((made.observation, made.info["state"], made.info["applied"]))
+        steps.append((made.action, made.reward, made.terminated, made.truncated))
+        length += made.ran
+    observations, states, applied = (
+        np.stack(column, axis=1) for column in zip(*starts, strict=True)
+    )
+    actions, rewards, terminations, truncations = (
+        np.stack(column, axis=1) for column in zip(*steps, strict=True)
+    )
+    return [
+        EpisodeBuffer(
+            seed=seed,
+            observations=observations[lane, : n + 1],
+            actions=actions[lane, :n],
+            rewards=rewards[lane, :n],
+            terminations=terminations[lane, :n],
+            truncations=truncations[lane, :n],
+            infos={"state": states[lane, : n + 1], "applied": applied[lane, : n + 1]},
+        )
+        for lane, (seed, n) in enumerate(zip(seeds, length, strict=True))
+    ]
