@@ -9,11 +9,12 @@ import json
 import multiprocessing
 import os
 import signal
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from copy import deepcopy
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
+from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias, get_args
 
@@ -400,8 +401,6 @@ MOST_KILLS = 20
 
 GIVEN_UP = f"its process was killed {MOST_KILLS} times"
 
-PAUSE = 0.05  # time between two looks at the processes [s]
-
 
 def work_here(trials: Trials, processes: int | None, report: Report) -> None:
     """Do all trainings on this machine, each in a process of its own.
@@ -421,37 +420,30 @@ def work_here(trials: Trials, processes: int | None, report: Report) -> None:
     way = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
     context = multiprocessing.get_context(way)
     context.set_forkserver_preload(["agents.training.reinforcement"])
-    waiting, kills = list(range(len(trials))), [0] * len(trials)
-    running: dict[int, tuple[BaseProcess, Connection]] = {}
+    threads = ThreadPoolExecutor(processes or os.cpu_count() or 1)  # each waits for a process
     try:
-        while waiting or running:
-            while waiting and len(running) < (processes or os.cpu_count() or 1):
-                number = waiting.pop(0)
-                answer, call = context.Pipe(duplex=False)
-                process = context.Process(target=_work, args=(*trials[number], call))
-                process.start()
-                call.close()  # so that an answer ends with the process
-                running[number] = process, answer
-            time.sleep(PAUSE)
-            for number in [n for n, (process, _) in running.items() if not process.is_alive()]:
-                _, answer = running.pop(number)
-                try:
-                    problem = answer.recv()
-                except (EOFError, OSError):  # killed before its answer, or within it
-                    kills[number] += 1
-                    if kills[number] < MOST_KILLS:
-                        waiting.insert(0, number)
-                        continue
-                    problem = GIVEN_UP
-                report(number, problem)
-    except KeyboardInterrupt:
-        for process, _ in running.values():
-            process.join()  # it writes its checkpoint
-        raise
+        jobs = {threads.submit(_watched, context, *trial): k for k, trial in enumerate(trials)}
+        for job in as_completed(jobs):
+            report(jobs[job], job.result())
     finally:
+        threads.shutdown(
+            cancel_futures=True
+        )  # after Ctrl-C, those that run write their checkpoints
         for name in ONE_THREAD:
             os.environ.pop(name)
         os.environ |= before
+
+
+def _watched(context: BaseContext, text: str, folder: str) -> str | None:
+    """Do a training in a process of its own, again if it is killed; return what went wrong."""
+    for _ in range(MOST_KILLS):
+        answer, call = context.Pipe(duplex=False)
+        process = context.Process(target=_work, args=(text, folder, call))
+        process.start()
+        call.close()  # so that an answer ends with the process
+        with suppress(EOFError, OSError):  # killed before its answer, or within it
+            return answer.recv()
+    return GIVEN_UP
 
 
 def _work(text: str, folder: str, call: Connection) -> None:
