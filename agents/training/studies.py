@@ -20,7 +20,7 @@ from typing import Any
 import optuna
 from optuna import Study, Trial
 from optuna.distributions import BaseDistribution
-from optuna.samplers import BaseSampler, TPESampler
+from optuna.samplers import TPESampler
 from optuna.storages import RDBStorage, RetryHeartbeatStaleTrialCallback
 from optuna.trial import FrozenTrial, TrialState
 
@@ -121,21 +121,12 @@ def frozen(trial: Trial) -> FrozenTrial:
     return trial.study.get_trials(deepcopy=False)[trial.number]
 
 
-class ByPlace(BaseSampler):
+class ByPlace(TPESampler):
     """Optuna's tree-structured Parzen estimator, its random numbers by seed, place and name."""
 
     def __init__(self, seed: int) -> None:
+        super().__init__(multivariate=False)  # every parameter is drawn by itself
         self.seed = seed
-
-    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, Any]:
-        """Return that every parameter is drawn by itself."""
-        return {}
-
-    def sample_relative(
-        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
-        """Return nothing."""
-        return {}
 
     def sample_independent(
         self,
