@@ -47,6 +47,18 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
         raise DependencyNotInstalled(msg) from error
 
 
+ARGUMENTS = {
+    "discount": "gamma",
+    "rollout": "n_steps",
+    "epochs": "n_epochs",
+    "dropped_quantiles": "top_quantiles_to_drop_per_net",
+}
+"""Setting -> argument of the algorithm's class, where the names differ."""
+
+OTHERS = {"hidden", "reward_scale", "initial_log_std", "units", "initial_entropy", "noise"}
+"""Settings of an algorithm that are no arguments of its class."""
+
+
 def make_model(settings: config.TrainSettings, log: Path, lanes: VecEnv) -> BaseAlgorithm:
     """Return an untrained model; around a base its mean action is zero.
 
@@ -57,60 +69,34 @@ def make_model(settings: config.TrainSettings, log: Path, lanes: VecEnv) -> Base
     """
     chosen = settings.chosen
     policy: dict[str, Any] = {"net_arch": list(chosen.hidden)}
-    batch = chosen.batch_size
+    given: dict[str, Any] = {
+        ARGUMENTS.get(name, name): value for name, value in chosen if name not in OTHERS
+    }
     if isinstance(chosen, config.PPOSettings):
-        batch = min(batch, chosen.rollout * settings.lanes)
-    special = _on_policy if isinstance(chosen, config.PPOSettings) else _off_policy
+        given["batch_size"] = min(chosen.batch_size, chosen.rollout * settings.lanes)
+        given["learning_rate"] = LinearSchedule(chosen.learning_rate, 0.0, 1.0)
+        policy["log_std_init"] = chosen.initial_log_std
+    else:
+        given["train_freq"] = 1
+    if isinstance(chosen, config.RecurrentPPOSettings):
+        policy["lstm_hidden_size"] = chosen.units
+    if isinstance(chosen, (config.SACSettings, config.CrossQSettings)):
+        given["ent_coef"] = f"auto_{chosen.initial_entropy}"
+    if isinstance(chosen, config.TD3Settings):
+        still = np.zeros(lanes.action_space.shape)
+        given["action_noise"] = NormalActionNoise(still, still + chosen.noise)
     model = algorithm_class(settings.algorithm)(
         "MlpLstmPolicy" if isinstance(chosen, config.RecurrentPPOSettings) else "MlpPolicy",
         lanes,
-        batch_size=batch,
-        gamma=chosen.discount,
         tensorboard_log=str(log),
         seed=settings.seed,
         device="cpu",
-        **special(chosen, policy, lanes.action_space.shape[0]),  # pyright: ignore[reportArgumentType, reportOptionalSubscript]
         policy_kwargs=policy,
+        **given,  # pyright: ignore[reportArgumentType]
     )
     if settings.base not in {None, NO_BASE}:
         _begin_at_zero(model)
     return model
-
-
-def _on_policy(chosen: config.PPOSettings, policy: dict[str, Any], _: int) -> dict[str, Any]:
-    policy["log_std_init"] = chosen.initial_log_std
-    if isinstance(chosen, config.RecurrentPPOSettings):
-        policy["lstm_hidden_size"] = chosen.units
-    return {
-        "learning_rate": LinearSchedule(chosen.learning_rate, 0.0, 1.0),
-        "n_steps": chosen.rollout,
-        "n_epochs": chosen.epochs,
-        "gae_lambda": chosen.gae_lambda,
-    }
-
-
-def _off_policy(
-    chosen: config.AlgorithmSettings, _: dict[str, Any], actions: int
-) -> dict[str, Any]:
-    assert isinstance(chosen, config.OffPolicySettings)  # noqa: S101 - there are two families
-    arguments: dict[str, Any] = {
-        "learning_rate": chosen.learning_rate,
-        "buffer_size": chosen.buffer_size,
-        "learning_starts": chosen.learning_starts,
-        "gradient_steps": chosen.gradient_steps,
-        "train_freq": 1,
-    }
-    if isinstance(chosen, (config.SACSettings, config.TD3Settings)):
-        arguments["tau"] = chosen.tau
-    if isinstance(chosen, (config.SACSettings, config.CrossQSettings)):
-        arguments["ent_coef"] = f"auto_{chosen.initial_entropy}"
-    if isinstance(chosen, config.TD3Settings):
-        arguments["action_noise"] = NormalActionNoise(
-            np.zeros(actions), np.full(actions, chosen.noise)
-        )
-    if isinstance(chosen, config.TQCSettings):
-        arguments["top_quantiles_to_drop_per_net"] = chosen.dropped_quantiles
-    return arguments
 
 
 def _begin_at_zero(model: BaseAlgorithm) -> None:
