@@ -46,6 +46,11 @@ from mm_gym.errors import refuse
 from mm_gym.files import check_outputs
 from mm_gym.tasks import task_or_scene
 
+OF_COMPARISONS = (
+    *("tasks", "seeds", "first_seed", "robustness", "records", "unit", "frequency", "effort"),
+)
+"""Flags that only a comparison has."""
+
 SINGLE = 200  # held-out episodes of a single run
 
 
@@ -97,17 +102,8 @@ class Arguments:
     @property
     def compares(self) -> bool:
         """Whether this is a comparison, and not the report of one run or of --controller."""
-        studies = (
-            self.tasks,
-            self.seeds is not None,
-            self.robustness,
-            self.records,
-            self.unit,
-            self.frequency,
-            self.first_seed != HELD_OUT_SEED,
-            self.out is not None and self.controller is None,
-        )
-        if len(self.subjects) > 1 or self.effort or any(studies):
+        asked = any(getattr(self, name) != getattr(Arguments, name) for name in OF_COMPARISONS)
+        if asked or len(self.subjects) > 1 or (self.out is not None and self.controller is None):
             return True
         (only,) = self.subjects
         named = "*" in only or not ("/" in only or Path(only).is_dir())

@@ -6,9 +6,9 @@ successive approximations*, J. Math. Anal. Appl. 6 (1963); on a grid with interp
 Ferretti, *Semi-Lagrangian approximation schemes for linear and Hamilton-Jacobi equations* (2013).
 """
 
-import itertools
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -288,12 +288,7 @@ class ValueIteration(Search):
         lines = 4 * self.settings.points**2
         bounds = np.linspace(0, lines, self.settings.threads + 1).astype(int)
         with ThreadPoolExecutor(self.settings.threads) as threads:
-            runs = [
-                threads.submit(kernel, *arguments, first, last)
-                for first, last in itertools.pairwise(bounds)
-            ]
-        for run in runs:
-            run.result()
+            list(threads.map(partial(kernel, *arguments), bounds[:-1], bounds[1:]))
 
     def _after(self) -> Table:
         """Return the table at the end of a step, its cost apart, with the impulses in it."""
