@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
 from scipy.linalg import block_diag, toeplitz
 from scipy.sparse import csc_matrix
 
@@ -24,7 +25,13 @@ from mm_gym.errors import refuse
 
 HORIZON = 30  # control steps that are planned, by default
 MOST_STEPS = 1000  # longest horizon; the matrices have the square of its size
-RHO = 0.1  # step size with which the solver begins
+RHO = 0.1  # step size with which OSQP begins
+
+ROUNDS, AT_ONCE = 60, 3
+"""Rounds of a search for the limits that matter, and those of them that change all at once."""
+
+BEYOND, ROUND_OFF = 2, 1e-9  # the side of what is beyond a soft limit; see `Program`
+TOGETHER = 32  # lanes whose programs are of one size, that of the one with most limits
 
 KEPT, PENALTY = 0.9, 10.0
 """Of the limits at which episodes end, and of going beyond; see `Limits`.
@@ -83,9 +90,12 @@ class Limits:
 class Program:
     """The quadratic program of the forces of a horizon, of which the first is applied.
 
-    Kerrigan and Maciejowski, *Soft constraints and exact penalty functions in model predictive
-    control*, UKACC Control Conf. (2000); Stellato et al., *OSQP: an operator splitting solver for
-    quadratic programs*, Math. Prog. Comp. 12 (2020).
+    The limits that matter are found by the primal-dual active set, in all lanes together and to
+    round-off; the last step's begin it. Where it finds none, which is rare, OSQP solves the lane.
+    Hintermüller, Ito and Kunisch, *The primal-dual active set strategy as a semismooth Newton
+    method*, SIAM J. Optim. 13 (2002); Kerrigan and Maciejowski, *Soft constraints and exact penalty
+    functions in model predictive control*, UKACC Control Conf. (2000); Stellato et al., *OSQP: an
+    operator splitting solver for quadratic programs*, Math. Prog. Comp. 12 (2020).
 
     Parameters
     ----------
@@ -128,48 +138,113 @@ class Program:
         slope += self.limit * np.einsum("i,kij->kj", cost.cross[:, 0], free)
         # Each limited quantity of each step has a slack, in units of its limit.
         size = len(rows) * horizon
-        self.slope, self.penalties = slope, np.full(size, 0.5 * penalty)
+        self.slope, self.penalty, self.slacks = slope, penalty, size
         self.free = np.einsum("qi,kij->qkj", rows[:, :-1], free).reshape(size, len(a))
         moved = np.einsum("qi,kin->qkn", rows[:, :-1], forced)
         moved += self.limit * rows[:, -1, None, None] * np.eye(horizon)
-        self.solver = _solver(
-            block_diag(hessian, penalty * np.eye(size)),
-            ways,
-            moved.reshape(size, horizon),
-            self._bounds(np.zeros(size)),
-        )
+        moved = moved.reshape(size, horizon)
+        self.is_rated = bool(np.isfinite(self.travel))
+        hard = np.vstack([np.eye(horizon), ways]) if self.is_rated else np.eye(horizon)
+        self.limits = np.vstack([hard, moved])
+        self.inverse = np.linalg.inv(hessian)
+        self.pulled = self.limits @ self.inverse
+        self.across = self.pulled @ self.limits.T
+        self.solver = _solver(block_diag(hessian, penalty * np.eye(size)), hard, moved)
 
     def begin(self, lanes: int) -> Memory:
-        slacks = len(self.penalties)
         return {
-            "plan": np.zeros((lanes, self.horizon + slacks)),
-            "dual": np.zeros((lanes, 2 * self.horizon + 3 * slacks)),
+            "plan": np.zeros((lanes, self.horizon + self.slacks)),
+            "sides": np.zeros((lanes, len(self.limits)), np.int8),
         }
 
     def first(self, memory: Memory, state: Array, applied: Array) -> Acted:
         """Return the first forces (lanes, 1) over their limit, from what is applied (lanes,)."""
-        slopes, drifts = state @ self.slope.T, state @ self.free.T
-        plans, duals = memory["plan"].copy(), memory["dual"].copy()
-        for lane, (slope, drift) in enumerate(zip(slopes, drifts, strict=True)):
-            low, high = self._bounds(drift, applied[lane] / self.limit)
-            self.solver.update(q=np.concatenate([slope, self.penalties]), l=low, u=high)
-            blocks = plans[lane].reshape(-1, self.horizon)
-            x = np.concatenate([blocks[:, 1:], blocks[:, -1:]], axis=1).ravel()
-            self.solver.warm_start(x=x, y=duals[lane])
-            self.solver.update_settings(rho=RHO)  # else it adapts to the lanes before
-            found = self.solver.solve(raise_error=False)
-            plans[lane], duals[lane] = found.x, found.y
-        return plans[:, :1].copy(), {"plan": plans, "dual": duals}
+        slope, drift = state @ self.slope.T, state @ self.free.T
+        held = np.outer(applied / self.limit, self.left)
+        zero = np.zeros_like(held)
+        bounds = np.stack(
+            [
+                np.hstack([zero + end, *[held + end * self.travel] * self.is_rated, end - drift])
+                for end in (-1.0, 1.0)
+            ]
+        )
+        # The limits that the last step's plan was at, a step later.
+        sides = memory["sides"].reshape(len(state), -1, self.horizon)
+        sides = np.concatenate([sides[:, :, 1:], sides[:, :, -1:]], axis=2)
+        sides = sides.reshape(len(state), -1)
+        forces, sides, is_best = self._planned(-slope @ self.inverse, bounds, sides)
+        for lane in np.flatnonzero(~is_best):
+            forces[lane] = self._solved(slope[lane], *bounds[:, lane])
+            sides[lane] = 0
+        forces = np.clip(forces, -1.0, 1.0)
+        beyond = np.abs(forces @ self.limits[len(self.limits) - self.slacks :].T + drift) - 1.0
+        plan = np.hstack([forces, np.maximum(beyond, 0.0)])
+        return plan[:, :1].copy(), {"plan": plan, "sides": sides}
 
-    def _bounds(self, drift: Array, first: float = 0.0) -> tuple[Array, Array]:
-        """Return the program's bounds, of what is limited without forces, and what is applied."""
-        size, zero = self.horizon, np.zeros(len(drift))
-        high = np.concatenate([np.ones(size), np.full(size, self.travel)])
-        low = np.concatenate([-high, zero - inf, -1.0 - drift, zero])
-        high = np.concatenate([high, 1.0 - drift, zero + inf, zero + inf])
-        for bound in (low, high):
-            bound[size : 2 * size] += self.left * first
-        return low, high
+    def _planned(
+        self, start: Array, bounds: Array, sides: Array
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return plans from those without limits, the limits' sides, and which plans are the best.
+
+        Bounds (2, lanes, rows) are the low and the high ones. A side is -1 or 1 of a limit that the
+        plan is at, -2 or 2 of one that it goes beyond, and else 0. With the sides the plan is
+        linear. It tells the next sides: where a limit does not hold it, or where it goes beyond
+        one. The plan that tells its own sides is the best one.
+        """
+        reached, pulls, sides = start @ self.limits.T, np.zeros(sides.shape), sides.copy()
+        left = np.arange(len(start))
+        for done in range(ROUNDS):
+            side, ends = sides[left], bounds[:, left]
+            pull = self._pulls(reached[left], ends, side)
+            after = reached[left] - pull @ self.across
+            goes = (side != 0) & (pull * side <= 0.0)
+            over = np.where(side == 0, np.maximum(ends[0] - after, after - ends[1]), 0.0)
+            comes = over > ROUND_OFF
+            if done >= AT_ONCE:
+                goes, comes = _largest(goes, np.abs(pull)), _largest(comes, over)
+            soft = np.arange(sides.shape[1]) >= sides.shape[1] - self.slacks
+            size = np.where(soft & (np.abs(pull) > 0.5 * self.penalty), BEYOND, 1)
+            told = np.where(goes, 0, np.sign(side) * size)
+            told = np.where(comes, np.where(after > ends[1], 1, -1), told)
+            sides[left], pulls[left] = told, pull
+            left = left[(told != side).any(axis=1)]
+            if not left.size:
+                break
+        is_best = np.ones(len(start), np.bool_)
+        is_best[left] = False
+        return start - pulls @ self.pulled, sides, is_best
+
+    def _pulls(self, reached: Array, bounds: Array, sides: Array) -> Array:
+        """Return the multipliers (lanes, rows) of limits with which the plan is at their sides."""
+        active, is_beyond = sides != 0, np.abs(sides) == BEYOND
+        off = np.where(sides > 0, bounds[1], bounds[0]) - 0.5 * np.sign(sides) * is_beyond
+        off = np.where(active, reached - off, 0.0)
+        tiny = ROUND_OFF * self.across.diagonal().max()  # limits may be the same
+        own = np.where(active, np.where(is_beyond, 1.0 / self.penalty, tiny), 1.0)
+        order, counts = np.argsort(~active, axis=1, kind="stable"), active.sum(axis=1)
+        pulls, by_count = np.zeros(sides.shape), np.argsort(counts, kind="stable")
+        for lanes in np.array_split(by_count, -(-len(counts) // TOGETHER)):
+            size = counts[lanes].max()
+            at = lanes[:, None], order[lanes, :size]
+            matrix = self.across[at[1][:, :, None], at[1][:, None, :]]
+            matrix *= active[at][:, :, None] & active[at][:, None, :]
+            matrix[:, np.arange(size), np.arange(size)] += own[at]
+            pulls[at] = np.linalg.solve(matrix, off[at][:, :, None])[:, :, 0]
+        return pulls
+
+    def _solved(self, slope: Array, low: Array, high: Array) -> Array:
+        """Return the plan (horizon,) of a lane by OSQP, which stops at a small residual."""
+        hard, count = len(self.limits) - self.slacks, self.slacks
+        zero = np.zeros(count)
+        self.solver.update(
+            q=np.concatenate([slope, np.full(count, 0.5 * self.penalty)]),
+            l=np.concatenate([low[:hard], zero - inf, low[hard:], zero]),
+            u=np.concatenate([high[:hard], high[hard:], zero + inf, zero + inf]),
+        )
+        still = np.zeros(self.horizon + count), np.zeros(hard + 3 * count)
+        self.solver.warm_start(*still)  # else it begins as the lanes before ended
+        self.solver.update_settings(rho=RHO)
+        return self.solver.solve(raise_error=False).x[: self.horizon]
 
 
 class LinearMPC(Law):
@@ -217,6 +292,12 @@ class LinearMPC(Law):
         return self.program.first(memory, state[:, self.states], applied[:, 0])
 
 
+def _largest(which: NDArray[np.bool_], size: Array) -> NDArray[np.bool_]:
+    """Return the one of largest size in each row, of those that are told."""
+    most = np.where(which, size, -1.0).argmax(axis=1)[:, None]
+    return which & (np.arange(which.shape[1]) == most)
+
+
 def _predicted(a: Array, b: Array, horizon: int) -> tuple[Array, Array]:
     """Return the states of the steps to come: (k, n, n) times the state, (k, n, k) the forces."""
     size = len(a)
@@ -239,30 +320,27 @@ def _cost_to_go(scene: Scene, states: Sequence[int]) -> Array:
     return whole[np.ix_(states, states)]
 
 
-def _solver(hessian: Array, ways: Array, moved: Array, bounds: tuple[Array, Array]) -> Any:  # noqa: ANN401 - of an optional package
+def _solver(hessian: Array, hard: Array, moved: Array) -> Any:  # noqa: ANN401 - of an optional package
     """Return the program of forces and slacks.
 
-    `ways` is what forces do to the way that is left to each command, and `moved` what they do to
-    what is limited.
+    `hard` is what forces do to what is limited for good, and `moved` to what has a slack.
     """
     try:
         osqp = import_module("osqp")
     except ImportError as error:
         msg = "linear MPC needs OSQP; install the extra `mpc`"
         raise DependencyNotInstalled(msg) from error
-    slacks, count = moved.shape
-    one, none = np.eye(slacks), np.zeros((count, slacks))
+    slacks, one = len(moved), np.eye(len(moved))
     limits = np.block(
         [
-            [np.eye(count), none],
-            [ways, none],
+            [hard, np.zeros((len(hard), slacks))],
             [moved, -one],
             [moved, one],
-            [none.T, one],
+            [np.zeros((slacks, hard.shape[1])), one],
         ]
     )
-    solver, upper = osqp.OSQP(), csc_matrix(np.triu(hessian))
-    solver.setup(upper, np.zeros(len(hessian)), csc_matrix(limits), *bounds, **SETTINGS)
+    solver, upper, wide = osqp.OSQP(), csc_matrix(np.triu(hessian)), np.full(len(limits), inf)
+    solver.setup(upper, np.zeros(len(hessian)), csc_matrix(limits), -wide, wide, **SETTINGS)
     return solver
 
 
