@@ -33,7 +33,7 @@ from agents.controllers.registry import (
     unless,
     without_weight,
 )
-from agents.controllers.searched import Designed, cheapest
+from agents.controllers.searched import Designed, cheapest, cheapest_of
 from agents.scoring import validation_cost
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
 from mm_gym.arrays import Array
@@ -290,7 +290,7 @@ def best_detuned(
     def best(size: float) -> Designed:
         return cheapest(scene, lambda e: make(own, 10.0**e, size), EFFORTS)
 
-    return min(map(best, sizes), key=lambda one: validation_cost(scene, one))
+    return cheapest_of(scene, map(best, sizes))
 
 
 def best_detuned_lqg(scene: Scene) -> DetunedLQG:

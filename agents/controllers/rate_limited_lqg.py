@@ -10,7 +10,7 @@ from agents.control.kalman_filter import solvable, state_units
 from agents.control.scene import plant_of
 from agents.controllers.lqg import DISTURBANCES, ReachedLQG, regulated_part, weighed, without_force
 from agents.controllers.registry import Entry
-from agents.controllers.searched import cheapest
+from agents.controllers.searched import cheapest, least
 from agents.scoring import validation_cost
 from mm_gym import DesignError, LinearSystem, Scene
 from mm_gym.arrays import Array
@@ -83,13 +83,13 @@ def best_rate_limited_lqg(scene: Scene) -> RateLimitedLQG:
     def made(effort: float, rate: float, unmodelled: float) -> RateLimitedLQG:
         return RateLimitedLQG(own, 10.0**effort, 10.0**rate, unmodelled)
 
-    def cost(numbers: tuple[float, float, float]) -> float:
+    def cost(numbers: tuple[float, float, float], most: float) -> float:
         try:
-            return validation_cost(scene, made(*numbers))
+            return validation_cost(scene, made(*numbers), most=most)
         except DesignError:
             return np.inf
 
-    effort, rate, unmodelled = min(product(DECADES, DECADES, DISTURBANCES), key=cost)
+    (effort, rate, unmodelled), _ = least(product(DECADES, DECADES, DISTURBANCES), cost)
     found = cheapest(scene, lambda e: made(e, rate, unmodelled), effort + DECADES)
     effort = np.log10(found.effort)
     return cheapest(scene, lambda r: made(effort, r, unmodelled), rate + DECADES)

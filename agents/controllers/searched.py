@@ -5,7 +5,7 @@ free numbers (`registry.Tunable`).
 """
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,6 +21,7 @@ from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
 
 Designed = TypeVar("Designed", bound=Controller)
+Tried = TypeVar("Tried")
 
 DECADES = np.linspace(-2.0, 2.0, 17)  # exponents of the gains and weights that are tried
 
@@ -40,6 +41,26 @@ def grid(scene: Scene, actuator: str) -> Array:
     """Return values over an actuator's range [-, N s/m, V]."""
     own = getattr(scene.actuation, actuator)
     return np.linspace(own.minimum, own.maximum, 33)
+
+
+def least(tried: Iterable[Tried], cost: Callable[[Tried, float], float]) -> tuple[Tried, float]:
+    """Return what costs least, the first of equals, and its cost.
+
+    The cost is told the least one so far: above it any number above it will do, as of
+    `validation_cost`.
+    """
+    best: list[Tried] = []
+    lowest = np.inf
+    for one in tried:
+        found = cost(one, lowest)
+        if not best or found < lowest:
+            best, lowest = [one], found
+    return best[0], lowest
+
+
+def cheapest_of(scene: Scene, controllers: Iterable[Designed]) -> Designed:
+    """Return the controller of least cost of some."""
+    return least(controllers, lambda one, most: validation_cost(scene, one, most=most))[0]
 
 
 def searched(
@@ -62,17 +83,16 @@ def cheapest(
 ) -> Designed:
     """Return the controller of least cost in the same way, of those that can be designed."""
 
-    def cost(value: float) -> float:
+    def cost(value: float, most: float = np.inf) -> float:
         try:
-            return validation_cost(scene, controller(float(value)), seed=seed)
+            return validation_cost(scene, controller(float(value)), seed=seed, most=most)
         except DesignError:
             return np.inf
 
-    costs = [cost(value) for value in values]
-    best = int(np.argmin(costs))
+    best, lowest = least(range(len(values)), lambda k, most: cost(values[k], most))
     around = values[max(best - 1, 0)], values[min(best + 1, len(values) - 1)]
     refined = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-3})
-    return controller(float(refined.x) if refined.fun < costs[best] else float(values[best]))
+    return controller(float(refined.x) if refined.fun < lowest else float(values[best]))
 
 
 def over_decades(
@@ -92,9 +112,11 @@ def searched_pair(
     source = observed_state(scene)
     coarse = grid(scene, "stretch")[4::4] if first is None else first
     pairs = [(value, 10.0**e) for value in coarse for e in DECADES[::4]]
-    best, _ = min(
-        pairs, key=lambda pair: validation_cost(scene, Feedback(scene, make(*pair), source))
-    )
+
+    def cost(pair: tuple[float, float], most: float) -> float:
+        return validation_cost(scene, Feedback(scene, make(*pair), source), most=most)
+
+    (best, _), _ = least(pairs, cost)
     return searched(scene, lambda exponent: make(best, 10.0**exponent), DECADES)
 
 

@@ -10,8 +10,8 @@ from agents.control.controller import Controller, Law
 from agents.control.feedback import Feedback
 from agents.controllers.constant import best_constant, uncontrolled
 from agents.controllers.registry import Role, entries
+from agents.controllers.searched import cheapest_of
 from agents.network.files import PolicyError
-from agents.scoring import validation_cost
 from mm_gym import CompileError, DesignError, Scene, SimulationError
 
 Designed = TypeVar("Designed", bound="Controller")
@@ -81,4 +81,4 @@ def further_laws(scene: Scene) -> list[Controller]:
 
 def best_law(scene: Scene, laws: Sequence[Feedback]) -> Law:
     """Return the law of least cost; where there is none, no control."""
-    return min(laws or [uncontrolled(scene)], key=lambda one: validation_cost(scene, one)).law
+    return cheapest_of(scene, laws or [uncontrolled(scene)]).law

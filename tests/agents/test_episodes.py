@@ -13,7 +13,7 @@ from agents.control.feedback import Feedback
 from agents.controllers.constant import Held, no_control
 from agents.controllers.lqr import LQR
 from agents.controllers.noise import RandomActions
-from agents.scoring import HELD_OUT_SEED, evaluate, limit_penalty
+from agents.scoring import HELD_OUT_SEED, evaluate, limit_penalty, validation_cost
 from mm_gym import MovingMassVectorEnv, simulate
 from mm_gym.analysis import spring_energy
 
@@ -39,6 +39,31 @@ def test_cost_is_the_root_of_the_mean_of_minus_reward() -> None:
     mean = -result.returns.mean() / CARRIAGE_FORCE.control.steps
     assert result.cost == pytest.approx(np.sqrt(mean), rel=1e-12)
     assert result.cost > 1.1 * result.rms  # velocity and force cost too
+
+
+class Counted(RandomActions):
+    """Random actions, and how often they were asked for."""
+
+    steps = 0
+
+    def propose(self, memory: Memory, observation: Any, info: Any) -> Any:
+        self.steps += 1
+        return super().propose(memory, observation, info)
+
+
+@pytest.mark.parametrize("scene", [CARRIAGE_FORCE, LIMITED], ids=["lasts", "ends early"])
+@pytest.mark.parametrize("worst", [1.0, 0.2])
+def test_episodes_that_cost_more_than_is_asked_for_are_ended(scene: Scene, worst: float) -> None:
+    def cost(most: float) -> tuple[float, int]:
+        acting = Counted(scene)
+        return validation_cost(scene, acting, worst, 10, most=most), acting.steps
+
+    whole, steps = cost(np.inf)
+    for share in (1.0, 1.0 + 1e-6, 2.0):  # what is not above the limit is found to the last bit
+        assert cost(share * whole) == (whole, steps)
+    told, done = cost(0.5 * whole)
+    assert 0.5 * whole < told <= whole
+    assert done < steps
 
 
 def test_every_controller_sees_the_same_held_out_episodes() -> None:

@@ -56,6 +56,13 @@ def reward(tmp_path):
     return f"{tmp_path}/own.py:cost"
 
 
+def test_episodes_whose_cost_may_fall_again_are_not_ended_for_it():
+    scene, law = rewarded(SCENE, OWN), uncontrolled(SCENE)
+    whole, ended = (evaluate(one, law, episodes=2, most=1e-6).penalties for one in (scene, SCENE))
+    np.testing.assert_array_equal(whole, evaluate(SCENE, law, episodes=2).penalties)
+    assert (ended < whole).all()
+
+
 def test_evaluation_is_that_of_the_objective():
     law = best_velocity_feedback(SCENE)
     plain, own = evaluate(SCENE, law), evaluate(rewarded(SCENE, OWN), law)
