@@ -17,8 +17,8 @@ from agents.controllers.lqg import (
     without_force,
 )
 from agents.controllers.lqr import Quadratic
-from agents.controllers.registry import Entry
-from agents.scoring import validation_cost
+from agents.controllers.registry import Entry, once
+from agents.controllers.searched import cheapest_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene
 
 
@@ -84,13 +84,13 @@ def best_predictive_lqg(scene: Scene) -> PredictiveLQG:
     It needs to be cautious where limits come beyond the horizon, but less than an LQG, which knows
     no limit.
     """
-    own, best = weighed(scene), best_detuned_lqg(scene)
+    own, best = weighed(scene), once(best_detuned_lqg, scene)
     efforts = {best.effort**share for share in (0.0, 0.5, 1.0)}
     found: list[PredictiveLQG] = []
     for effort in efforts:
         with suppress(DesignError):  # the best LQG's own weight has a solution
             found.append(PredictiveLQG(own, effort, best.unmodelled))
-    return min(found, key=lambda one: validation_cost(scene, one))
+    return cheapest_of(scene, found)
 
 
 ENTRIES = (

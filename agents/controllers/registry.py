@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
 from importlib import import_module
 from math import inf
 from pathlib import Path
@@ -26,6 +26,33 @@ from mm_gym import DesignError, Scene, SceneError
 from mm_gym.arrays import Array
 from mm_gym.errors import suggest
 from mm_gym.files import read_json
+
+Made = TypeVar("Made")
+
+MADE = 64  # designs that are remembered
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A scene, the same as all of its digest."""
+
+    digest: str
+    scene: Scene = field(compare=False)
+
+
+def once(make: Callable[[Scene], Made], scene: Scene) -> Made:
+    """Return what is made of a scene, and the same when it is asked for again.
+
+    Searches of designs take long, and several controllers begin with the same one. A reward of
+    one's own has no part in the digest: with it everything is made anew.
+    """
+    return _once(make, _Known(scene.digest, scene)) if scene.own_reward is None else make(scene)
+
+
+@lru_cache(maxsize=MADE)
+def _once(make: Callable[[Scene], Any], known: _Known) -> Any:  # noqa: ANN401 - as `once` says
+    return make(known.scene)
+
 
 Role: TypeAlias = Literal["any", "law", "filter", "further", "informed"]
 """For any actuators; tuned law; with a filter of its own; slow or of extras; knows the episode."""
@@ -54,8 +81,8 @@ class Entry:
         return self.label or self.name.replace("-", " ")
 
     def make(self, scene: Scene) -> Controller:
-        """Return the controller for a scene."""
-        return fed(scene, self.made(scene))
+        """Return the controller for a scene; without free numbers in a file, the same each time."""
+        return fed(scene, self.made(scene) if self.tunable else once(self.made, scene))
 
 
 def fed(scene: Scene, made: Controller | Law) -> Controller:
