@@ -16,10 +16,11 @@ from agents.control.feedback import Feedback
 from agents.controllers.adjustable import Adjustable, Scheduled, adjustable
 from agents.controllers.learned import Learned, Residual
 from agents.controllers.registry import RANDOM, laws, not_a_law
+from agents.controllers.searched import least
 from agents.controllers.tuned import NOT_SCORED
 from agents.controllers.user_defined import user_defined
 from agents.policies import AnyPolicy, PolicyError, load_policy
-from agents.scoring import VALIDATION_EPISODES, validation_cost
+from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, evaluate, tail_mean
 from agents.training.config import RunSettings
 from agents.training.progress import read_ending
 from agents.training.runs import Run, RunError
@@ -32,6 +33,7 @@ from mm_gym import (
     SceneError,
     rewarded,
 )
+from mm_gym.arrays import Array
 from mm_gym.errors import refuse
 from mm_gym.user_code import is_path, source, split
 
@@ -176,9 +178,11 @@ PLANS = "predictive-control"
 """The controller that plans anew in each control step: it takes minutes on the validation
 episodes, and is no base of a training."""
 
-TENTH, NEAR = VALIDATION_EPISODES // 10, 1.1
+FEW, NEAR, CLEARLY = (10, 30), 1.1, 3.0
 """Episodes on which it is tried first, and by how much it may cost more there than the best of the
-others: it is scored on all of them only then."""
+others: so many times as much, and so many standard errors of the mean difference of the penalties.
+It is scored on all of them only then. One that costs the same in truth is left out in about 1 of
+100 cases."""
 
 
 class Best(NamedTuple):
@@ -209,27 +213,56 @@ def best_controller(scene: Scene, *, plans: bool = True, worst: float = 1.0) -> 
         return _FOUND[key]
     if plans:
         best = best_controller(scene, plans=False, worst=worst)
-        if _cost(scene, PLANS, worst, TENTH) <= NEAR * _cost(scene, best.name, worst, TENTH):
-            best = min(best, Best(PLANS, _cost(scene, PLANS, worst)), key=lambda one: one.cost)
+        if all(_may_be_best(scene, best, worst, episodes) for episodes in FEW):
+            found = Best(PLANS, _cost(scene, PLANS, worst, best.cost))
+            best = min(best, found, key=lambda one: one.cost)
     else:
         names = [name for name in laws(scene) if name not in {RANDOM, PLANS}]
-        found = [Best(name, _cost(scene, name, worst)) for name in names]
-        best = min(found, key=lambda one: one.cost)
+        best = Best(*least(names, lambda name, most: _cost(scene, name, worst, most)))
     if key:
         _FOUND[key] = best
     return best
 
 
-def _cost(scene: Scene, name: str, worst: float, episodes: int = VALIDATION_EPISODES) -> float:
-    """Return the cost of a controller on validation episodes, or infinity if it has none."""
+def _may_be_best(scene: Scene, best: Best, worst: float, episodes: int) -> bool:
+    """Tell from some of the episodes whether plans may cost less than the best of others."""
+    others = _penalties(scene, best.name, worst, episodes=episodes)
+    near = NEAR * float(np.sqrt(tail_mean(others, worst)))
+    plans = _penalties(scene, PLANS, worst, near, episodes)
+    if np.sqrt(tail_mean(plans, worst)) > near:
+        return False
+    more = plans - others
+    error = more.std(ddof=1) / np.sqrt(episodes)
+    return worst < 1.0 or bool(more.mean() <= CLEARLY * error)
+
+
+def _cost(scene: Scene, name: str, worst: float, most: float = np.inf) -> float:
+    """Return the cost of a controller on the validation episodes, as `validation_cost` does."""
+    return float(np.sqrt(tail_mean(_penalties(scene, name, worst, most), worst)))
+
+
+def _penalties(
+    scene: Scene,
+    name: str,
+    worst: float,
+    most: float = np.inf,
+    episodes: int = VALIDATION_EPISODES,
+) -> Array:
+    """Return a controller's penalties (episodes,), infinite ones if it has none.
+
+    The episodes are ended once it is known that it costs more than `most`.
+    """
+    none = np.full(episodes, np.inf)
     try:
         controller = laws(scene)[name](scene)
         if controller.reads != "observation":
-            return np.inf
-        cost = validation_cost(scene, controller, worst, episodes)
+            return none
+        found = evaluate(
+            scene, controller, seed=VALIDATION_SEED, episodes=episodes, most=most, worst=worst
+        ).penalties
     except (*NOT_SCORED, ActionError, DependencyNotInstalled):
-        return np.inf
-    return cost if np.isfinite(cost) else np.inf
+        return none
+    return found if np.isfinite(found).all() else none
 
 
 _FOUND: dict[tuple[str, bool, float] | None, Best] = {}

@@ -34,6 +34,7 @@ from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.starts import start_of
 from mm_gym import Scene, compile_scene, load_scene
+from mm_gym.arrays import Array
 
 FOLDER = Path(__file__).parents[2] / "configs" / "structures"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.toml"))
@@ -258,22 +259,35 @@ def test_run_stands_for_a_controller_that_costs_less_than_its_agents(
     assert validation_cost(scene, Learned(load_policy(run.policy))) > best.cost
 
 
-@pytest.mark.parametrize(("on_a_tenth", "on_all"), [(0.2, 0.1), (0.2, 0.4), (0.5, 0.1)])
+@pytest.mark.parametrize(
+    ("on_few", "spread", "on_all", "best"),
+    [
+        (0.32, 0.2, 0.1, best_of.PLANS),
+        (0.32, 0.2, 0.4, "lqg"),
+        (0.5, 0.5, 0.1, "lqg"),  # too far from the best to be scored on all
+        (0.32, 0.01, 0.1, "lqg"),  # clearly above the best, in each of ten episodes
+        (0.32, 0.15, 0.1, "lqg"),  # in the mean of thirty
+    ],
+)
 def test_predictive_control_is_best_only_where_it_costs_less_on_all_episodes(
-    monkeypatch: pytest.MonkeyPatch, on_a_tenth: float, on_all: float
+    monkeypatch: pytest.MonkeyPatch, on_few: float, spread: float, on_all: float, best: str
 ):
-    def cost(_: Scene, name: str, worst: float, episodes: int = 100) -> float:
+    def penalties(
+        _: Scene, name: str, worst: float, most: float = np.inf, episodes: int = 100
+    ) -> Array:
         assert worst == 1.0
         if name != best_of.PLANS:
-            return 0.3 if name == "lqg" else 1.0
-        return on_all if episodes == 100 else on_a_tenth
+            return np.full(episodes, 0.3 if name == "lqg" else 1.0) ** 2
+        # Episodes are ended above what would be best, or is tried further.
+        assert most == pytest.approx(0.3 if episodes == 100 else 0.33)
+        if episodes == 100:
+            return np.full(100, on_all) ** 2
+        return on_few**2 + spread**2 * np.linspace(-1.0, 1.0, episodes)
 
-    monkeypatch.setattr(best_of, "_cost", cost)
+    monkeypatch.setattr(best_of, "_penalties", penalties)
     monkeypatch.setattr(best_of, "_FOUND", {})
     scene = structure("frame")
-    # 0.5 on a tenth of them is above all that is scored further.
-    name = best_of.PLANS if (on_a_tenth, on_all) == (0.2, 0.1) else "lqg"
-    assert best_of.best_controller(scene).name == name
+    assert best_of.best_controller(scene).name == best
     assert best_of.best_controller(scene, plans=False).name == "lqg"
 
 
