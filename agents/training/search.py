@@ -218,7 +218,9 @@ class Search(ABC):
         )
         if self.settings.scene is not None:
             if bar:  # the search seems to hang otherwise
-                tqdm.write("comparing with the classical controllers, for some minutes", sys.stderr)
+                tqdm.write(
+                    "comparing with the classical controllers, for a minute or two", sys.stderr
+                )
             best = best_controller(self.scene, worst=self.worst)
             ending.controller, ending.controller_cost = best
         if ending.is_worse and getattr(self.settings, "base", None) is None:
