@@ -256,7 +256,7 @@ def located(
         elif isinstance(item, int) or keyed:
             names.append(str(item))
             keyed = False
-        elif tagged := [part for part in present if _tag(part) == item]:
+        elif len(present) > 1 and (tagged := [one for one in present if _tag(one) == item]):
             present, owner = tagged, tagged[0]
         elif present and depth == len(location) - 1:
             owner = present[0]

@@ -113,6 +113,18 @@ def test_replace_names_what_is_not_there(name, words):
         Scene().replace(**{name: 1.0})
 
 
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("excitation.0.noise", {"excitation": [{"kind": "noise", "noise": {"v1": 2.0}}]}),
+        ("springs.linear", {"springs": {"kind": "linear", "linear": 1.0}}),
+    ],
+)
+def test_key_that_is_named_as_the_kind_is_unknown(field, value):
+    with pytest.raises(SceneError, match=rf"{field}: unknown key; "):
+        Scene(**value)
+
+
 def test_replace_makes_a_part_that_was_not_there():
     scene = Scene().replace(**{"actuation.force.limit": 2.5})
     assert scene.actuation.force == ForceActuator(limit=2.5)
