@@ -46,7 +46,7 @@ class FeedforwardLQR(Law):
         system = plant.state_space(["force"], STATES, sampled=True, at=at)
         names = [signal.name for signal in system.states]
         self.filter = ExcitationFilter(scene, system)
-        gain = regulator(plant, scene, at, system)[1]
+        gain = regulator(plant, scene, at, system).gain
         self.of_motion, self.of_filters = gain[:4], gain[self.filter.rows]
         self.of_force = gain[names.index("force")] if "force" in names else 0.0
 

@@ -14,7 +14,7 @@ from agents.control.controller import Acted, Controller, Info, Memory, Observati
 from agents.control.kalman_filter import hidden_mode, require_detectable, solvable, told_by
 from agents.control.observed_actuators import Frame
 from agents.control.scene import STATES, force_weight, nominal, plant_of
-from agents.controllers.lqg import best_detuned, without_force
+from agents.controllers.lqg import best_detuned, with_effort, without_force
 from agents.controllers.lqr import state_weight
 from agents.controllers.registry import Entry, regulator_entry
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
@@ -209,12 +209,23 @@ def correction(k: Matrices) -> Array:
 
 
 class HInfinity(Controller):
-    """Run the controller on what is observed, and tell it what the force's limit takes off."""
+    """Run the controller on what is observed, and tell it what the force's limit takes off.
+
+    The worst frequency and the largest force are not what a scene disturbs and scores.
+
+    Parameters
+    ----------
+    effort
+        Factor of the force's weight in the reward.
+    noise
+        Size of the sensors' noise over each channel's scale.
+    """
 
     name = "H-infinity"
 
-    def __init__(self, scene: Scene, noise: float = NOISE) -> None:
-        self.design = design_h_infinity(scene, noise)
+    def __init__(self, scene: Scene, effort: float = 1.0, noise: float = NOISE) -> None:
+        self.effort, self.noise = effort, noise
+        self.design = design_h_infinity(with_effort(scene, effort), noise)
         self.correction = correction(self.design.controller)
         self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs[4:]])
 
@@ -230,21 +241,11 @@ class HInfinity(Controller):
         return action, {"state": state}
 
 
-class DetunedHInfinity(HInfinity):
-    """The H-infinity controller of other sizes of the force's weight and of the sensors' noise.
-
-    The worst frequency and the largest force are not what a scene disturbs and scores.
-    """
-
-    def __init__(self, scene: Scene, factor: float, noise: float) -> None:
-        weight = factor * scene.objective.effort_weight
-        super().__init__(scene.replace(**{"objective.effort_weight": weight}), noise)
-        self.name = f"H-infinity, effort weight times {factor:.2g}, noise {noise:.2g}"
-
-
-def best_detuned_h_infinity(scene: Scene) -> DetunedHInfinity:
+def best_detuned_h_infinity(scene: Scene) -> HInfinity:
     """Search a factor of the force's weight over five decades, for each size of the noise."""
-    return best_detuned(scene, DetunedHInfinity, NOISES)
+    found = best_detuned(scene, HInfinity, NOISES)
+    found.name = f"H-infinity, effort weight times {found.effort:.2g}, noise {found.noise:.2g}"
+    return found
 
 
 ENTRIES = (

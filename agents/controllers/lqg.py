@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import control
 import numpy as np
@@ -55,11 +56,21 @@ episode's first steps need it, and shows more noise."""
 REACTIONS = ("carriage_acceleration", "sphere_acceleration")  # what `reaction_weights` weighs
 
 
+class Regulator(NamedTuple):
+    """u = -gain x of a system's n states, which minimises a quadratic cost of k of them."""
+
+    states: tuple[int, ...]  # the k that the cost depends on
+    cost: Quadratic  # of these at a step's end, and of the force in it
+    gain: Array  # (n,) [N per unit]; zero for all other states
+    riccati: Array  # (k, k): P, the cost to go
+    curvature: float  # of the cost to go over the force [1/N^2]
+
+
 @dataclass(frozen=True, eq=False)
 class LQGDesign(KalmanFilter):
-    """A regulator u = -gain x of a filter's estimate."""
+    """A regulator of a filter's estimate."""
 
-    gain: Array  # (n,) [N per unit]; zero for all other states
+    regulator: Regulator
     cost: float  # expected mean of -reward per step [-], in the long run and without limits
 
 
@@ -89,23 +100,19 @@ def design_lqg(
     plant = plant_of(scene)
     at = None if stretch is None else {"initial.stretch": stretch}
     system = excited_system(scene, ["force"], at)
-    regulated, gain, riccati, curvature = regulator(plant, scene, at, system)
-    own = design_filter(scene, system, unmodelled, gain != 0.0, scene.control.steps)
-    rows = np.ix_(regulated, regulated)
-    fed_back = gain[list(regulated)]
-    cost = float(np.sum(riccati * system.process_noise[rows]))
-    cost += float(curvature * fed_back @ own.error[rows] @ fed_back)
-    return LQGDesign(**vars(own), gain=gain, cost=cost)
+    law = regulator(plant, scene, at, system)
+    own = design_filter(scene, system, unmodelled, law.gain != 0.0, scene.control.steps)
+    rows = np.ix_(law.states, law.states)
+    fed_back = law.gain[list(law.states)]
+    cost = float(np.sum(law.riccati * system.process_noise[rows]))
+    cost += float(law.curvature * fed_back @ own.error[rows] @ fed_back)
+    return LQGDesign(**vars(own), regulator=law, cost=cost)
 
 
 def regulator(
     plant: Plant, scene: Scene, at: dict[str, float] | None, system: LinearSystem
-) -> tuple[tuple[int, ...], Array, Array, float]:
-    """Return what regulates a system.
-
-    That are the states that the cost depends on, the gain on all states, P, and the curvature of
-    the cost over the force [1/N^2].
-    """
+) -> Regulator:
+    """Return what regulates a system."""
     regulated, a, b, own = regulated_part(plant, scene, at, system)
     stage = own.ahead(a, b) if own.cross.any() else own
     x, limit = state_units(scene, plant, system)[list(regulated)], Command(scene, "force").high
@@ -128,7 +135,7 @@ def regulator(
     curvature = (stage.force + b.T @ riccati @ b).item()
     if stage is not own:
         riccati = riccati + own.state
-    return regulated, gain, riccati, curvature
+    return Regulator(regulated, own, gain, riccati, curvature)
 
 
 def regulated_part(
@@ -181,12 +188,25 @@ class LQG(Controller):
 
     Kwakernaak and Sivan, *Linear Optimal Control Systems* (1972), section 6.5. The filter's gain
     varies at an episode's start, because where an episode begins is known as a range only.
+
+    Weights that fit the reward are best only as long as nothing is clipped. A force that changes
+    slowly comes late where it is large, and then drives what it should still. Where parameters are
+    drawn, a filter that trusts its model is wrong.
+
+    Parameters
+    ----------
+    effort
+        Factor of the force's weight in the reward.
+    unmodelled
+        As of `kalman_filter.design_filter`.
     """
 
     name = "LQG"
 
-    def __init__(self, scene: Scene, unmodelled: float = UNMODELLED) -> None:
-        self.design = design_lqg(scene, unmodelled=unmodelled)
+    def __init__(self, scene: Scene, effort: float = 1.0, unmodelled: float = UNMODELLED) -> None:
+        self.effort, self.unmodelled = effort, unmodelled
+        self.designed = with_effort(scene, effort)
+        self.design = design_lqg(self.designed, unmodelled=unmodelled)
         self.limit = Command(scene, "force").high
         self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs])
 
@@ -197,7 +217,7 @@ class LQG(Controller):
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         memory = self.corrected(memory, observation)
         estimate = memory["estimate"]
-        force = self.further_force(estimate) - estimate @ self.design.gain
+        force = self.further_force(estimate) - estimate @ self.design.regulator.gain
         force = np.clip(force, -self.limit, self.limit)
         return force[:, None] / self.limit, memory
 
@@ -223,19 +243,12 @@ class LQG(Controller):
 
 
 class ReachedLQG(LQG):
-    """The LQG whose filter predicts with the force that its limits let the actuator reach.
-
-    Parameters
-    ----------
-    effort
-        Factor of the force's weight in the reward.
-    """
+    """The LQG whose filter predicts with the force that its limits let the actuator reach."""
 
     def __init__(self, scene: Scene, effort: float, unmodelled: float) -> None:
-        weight = effort * scene.objective.effort_weight
-        changes = {"actuation.force.command": "position", "objective.effort_weight": weight}
-        self.designed = scene.replace(**changes)
-        super().__init__(self.designed, unmodelled)
+        super().__init__(
+            scene.replace(**{"actuation.force.command": "position"}), effort, unmodelled
+        )
         self.actuators, self.command = Actuators(scene), Command(scene, "force")
         self.share = float(self.actuators.lag_factor[0])
 
@@ -252,19 +265,11 @@ class ReachedLQG(LQG):
         return {**memory, "estimate": estimate, "applied": applied, "asked": asked}
 
 
-class DetunedLQG(LQG):
-    """The LQG of other sizes of the force's weight and of what is unmodelled.
-
-    Weights that fit the reward are best only as long as nothing is clipped. A force that changes
-    slowly comes late where it is large, and then drives what it should still. Where parameters are
-    drawn, a filter that trusts its model is wrong.
-    """
-
-    def __init__(self, scene: Scene, factor: float, unmodelled: float = UNMODELLED) -> None:
-        weight = factor * scene.objective.effort_weight
-        super().__init__(scene.replace(**{"objective.effort_weight": weight}), unmodelled)
-        self.effort, self.unmodelled = factor, unmodelled
-        self.name = f"LQG, effort weight times {factor:.2g}, unmodelled {unmodelled:.2g}"
+def with_effort(scene: Scene, factor: float) -> Scene:
+    """Return the scene with the force's weight in the reward times a factor."""
+    if factor == 1.0:
+        return scene
+    return scene.replace(**{"objective.effort_weight": factor * scene.objective.effort_weight})
 
 
 def weighed(scene: Scene) -> Scene:
@@ -293,9 +298,12 @@ def best_detuned(
     return cheapest_of(scene, map(best, sizes))
 
 
-def best_detuned_lqg(scene: Scene) -> DetunedLQG:
+def best_detuned_lqg(scene: Scene) -> LQG:
     """Search a factor of the force's weight over five decades, for each size of the unmodelled."""
-    return best_detuned(scene, DetunedLQG, DISTURBANCES)
+    found = best_detuned(scene, LQG, DISTURBANCES)
+    effort, unmodelled = found.effort, found.unmodelled
+    found.name = f"LQG, effort weight times {effort:.2g}, unmodelled {unmodelled:.2g}"
+    return found
 
 
 class WeightedLQG(LQG):

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats.qmc import Halton
 
 from agents.control.controller import Acted, Controller, Info, Memory, Observation, joined, part
-from agents.controllers.lqg import EFFORTS, DetunedLQG, weighed, without_force
+from agents.controllers.lqg import EFFORTS, LQG, weighed, without_force
 from agents.controllers.registry import Entry, unless
 from agents.controllers.searched import cheapest
 from mm_gym import MovingMassVectorEnv, Scene
@@ -35,8 +35,7 @@ class MultipleModelLQG(Controller):
         reach = 0.5 * (high - low) * MODELS ** (-1.0 / len(drawn))
         self.frequencies = low + points * (high - low)  # (models, k): the middles [rad/s]
         self.models = [
-            DetunedLQG(_near(scene, list(drawn), middles, reach), factor)
-            for middles in self.frequencies
+            LQG(_near(scene, list(drawn), middles, reach), factor) for middles in self.frequencies
         ]
         covariances = np.array([model.design.innovation for model in self.models])
         self.precisions = np.linalg.inv(covariances)

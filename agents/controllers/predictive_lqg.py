@@ -6,16 +6,9 @@ import numpy as np
 
 from agents.control.controller import Acted, Info, Memory, Observation, joined, part
 from agents.control.kalman_filter import told_by
-from agents.control.scene import STATES, force_weight, plant_of
+from agents.control.scene import STATES, force_weight
 from agents.controllers.linear_mpc import HORIZON, Limits, Program
-from agents.controllers.lqg import (
-    ReachedLQG,
-    best_detuned_lqg,
-    regulated_part,
-    regulator,
-    weighed,
-    without_force,
-)
+from agents.controllers.lqg import ReachedLQG, best_detuned_lqg, weighed, without_force
 from agents.controllers.lqr import Quadratic
 from agents.controllers.registry import Entry, once
 from agents.controllers.searched import cheapest_of
@@ -37,30 +30,29 @@ class PredictiveLQG(ReachedLQG):
         force_weight(scene)  # not of a force that is commanded by its rate
         super().__init__(scene, effort, unmodelled)
         self.name = f"predictive LQG, effort weight times {effort:.2g}, unmodelled {unmodelled:.2g}"
-        limits, system, plant = Limits.of(scene), self.design.system, plant_of(self.designed)
+        limits, system, law = Limits.of(scene), self.design.system, self.design.regulator
         names = [signal.name for signal in system.states]
         rows = limits.rows(scene)
         limited, commanded = np.zeros((len(rows), len(names))), rows[:, 4]
         limited[:, [names.index(name) for name in STATES]] = rows[:, :4]
         if "force" in names:
             limited[:, names.index("force")], commanded = commanded, 0.0 * commanded
-        regulated, _, _, own = regulated_part(plant, self.designed, None, system)
         planned = told_by(system.A, (limited != 0.0).any(axis=0))
-        planned[list(regulated)] = True
+        planned[list(law.states)] = True
         self.planned = np.flatnonzero(planned)
-        inside, both = np.ix_(regulated, regulated), np.ix_(self.planned, self.planned)
+        inside, both = np.ix_(law.states, law.states), np.ix_(self.planned, self.planned)
         state, last, cross = (
             np.zeros_like(system.A),
             np.zeros_like(system.A),
             np.zeros((len(names), 1)),
         )
-        state[inside], cross[list(regulated)] = own.state, own.cross
-        last[inside] = regulator(plant, self.designed, None, system)[2]
+        state[inside], last[inside] = law.cost.state, law.riccati
+        cross[list(law.states)] = law.cost.cross
         self.program = Program(
             scene,
             system.A[both],
             system.B[self.planned],
-            Quadratic(state[both], cross[self.planned], own.force),
+            Quadratic(state[both], cross[self.planned], law.cost.force),
             last=last[both],
             rows=np.column_stack([limited[:, self.planned], commanded]),
             share=self.share,

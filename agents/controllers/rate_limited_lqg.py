@@ -37,7 +37,6 @@ class RateLimitedLQG(ReachedLQG):
 
     def __init__(self, scene: Scene, effort: float, rate: float, unmodelled: float) -> None:
         super().__init__(scene, effort, unmodelled)
-        self.effort = effort
         self.name = f"rate-limited LQG, weights times {effort:.2g} and {rate:.2g}"
         of_rate = rate * scene.objective.effort_weight * (self.share / self.command.travel) ** 2
         found = _gain(self.designed, self.design.system, of_rate, self.limit)

@@ -5,7 +5,7 @@ import numpy as np
 from agents.control.controller import Controller
 from agents.control.kalman_filter import state_units
 from agents.controllers.learned import Learned
-from agents.controllers.lqg import LQG, DetunedLQG
+from agents.controllers.lqg import LQG
 from agents.network.layers import Clip, Dense, Residual, SettlingObserver
 from agents.network.policy import Policy
 from agents.scoring import validation_cost
@@ -72,7 +72,7 @@ def controller_policy(name: str, scene: Scene) -> tuple[Policy, str]:
     at 0.
     """
     controller = base_controller(scene, name, "controller")
-    if type(controller) in (LQG, DetunedLQG):
+    if type(controller) is LQG:
         policy = _settled(controller, scene)
         own, exported = (validation_cost(scene, one) for one in (controller, Learned(policy)))
         return policy, (
@@ -127,6 +127,6 @@ def _settled(controller: LQG, scene: Scene) -> Policy:
     # What is remembered is 0 at the first frame, so that its gain acts on the frame alone.
     early = np.hstack([np.zeros_like(keep), first - enter, np.zeros_like(back)])
     memory = (one.astype(np.float32) for one in (keep, enter, back, early, np.zeros(1)))
-    gains = np.concatenate([np.zeros(len(shown)), -design.gain * units / limit, [0.0]])
+    gains = np.concatenate([np.zeros(len(shown)), -design.regulator.gain * units / limit, [0.0]])
     read = Dense(select.astype(np.float32), zeros.astype(np.float32))
     return Policy((read, SettlingObserver(_clipped(gains[None]), *memory)), observed)

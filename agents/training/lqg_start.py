@@ -113,7 +113,7 @@ def _lqg(shown: Shown, held: Start, scene: Scene, caution: float, unmodelled: fl
     corrected, keep, enter = shown.memory_of(design.system, design.filters[-1], units)
     back = np.zeros((len(keep), shown.actions))
     back[:, 0] = corrected @ design.system.B[:, 0] * limit / units
-    entered, told = np.hstack([enter, back]), -design.gain[None] * units / limit
+    entered, told = np.hstack([enter, back]), -design.regulator.gain[None] * units / limit
     kept, entered, told = reduced(keep, entered, told)
     start = held.with_memory(kept, *np.split(entered, [shown.count], axis=1))
     start.direct[0, 1 + shown.count :] = told

@@ -85,7 +85,7 @@ CASES = [
     *[(OnOffStiffness, PRE_STRETCH, (s,), "stretch: got") for s in (np.nan, 0.2)],
     *[(Held, PRE_STRETCH, ("stretch", s), "stretch: got .* at most 3") for s in (np.nan, 9.0)],
     *[(Held, CARRIAGE_FORCE, ("force", f), "force: got .* at most 4") for f in (np.nan, 9.0)],
-    *[(LQG, CARRIAGE_FORCE, (u,), "unmodelled: got") for u in (np.nan, -1.0, np.inf)],
+    *[(LQG, CARRIAGE_FORCE, (1.0, u), "unmodelled: got") for u in (np.nan, -1.0, np.inf)],
     *[(VelocityFeedback, CARRIAGE_FORCE, (g,), "gain: got") for g in (np.nan, -5.0)],
     (PhaseLaw, PRE_STRETCH, (np.nan,), "gain: got"),
 ]

@@ -6,7 +6,7 @@ import pytest
 from agents.control.feedback import Feedback
 from agents.controllers import linear_mpc
 from agents.controllers.linear_mpc import LinearMPC
-from agents.controllers.lqg import DetunedLQG
+from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LaggingLQR
 from agents.controllers.predictive_lqg import PredictiveLQG
 from agents.controllers.registry import laws
@@ -32,7 +32,7 @@ LAGGING = CARRIAGE_FORCE.replace(**{"actuation.force.lag": 0.03})
 def test_it_is_the_lqg_while_no_limit_matters() -> None:
     predictive, lqg = (
         evaluate(FREE, one, episodes=5).cost
-        for one in (PredictiveLQG(FREE, 1.0, UNMODELLED), DetunedLQG(FREE, 1.0, UNMODELLED))
+        for one in (PredictiveLQG(FREE, 1.0, UNMODELLED), LQG(FREE, 1.0, UNMODELLED))
     )
     assert predictive == pytest.approx(lqg, rel=1e-3)  # the program is solved to 1e-6 of a force
 
@@ -50,7 +50,7 @@ def test_it_knows_the_lag_and_the_limit() -> None:
 def test_plans_within_limits_cost_less_than_the_clipped_lqg(scene) -> None:
     predictive, clipped = (
         evaluate(scene, kind(scene, 1.0, UNMODELLED), episodes=20).cost
-        for kind in (PredictiveLQG, DetunedLQG)
+        for kind in (PredictiveLQG, LQG)
     )
     assert predictive < 0.99 * clipped
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE
 
-from agents.controllers.lqg import LQG, DetunedLQG
+from agents.controllers.lqg import LQG
 from agents.controllers.rate_limited_lqg import RateLimitedLQG
 from agents.controllers.registry import laws, obstacle
 from agents.exports.controllers import controller_policy
@@ -43,14 +43,16 @@ def test_without_a_weight_of_the_rate_its_gains_are_those_of_the_lqg(scene):
     if scene is PLATFORM:  # the force is among the states, and the input is the command less it
         gain[names.index("force")] -= 1.0
         of_force = 1.0
-    np.testing.assert_allclose(gain, expected.gain, atol=1e-8 * np.abs(expected.gain).max())
+    np.testing.assert_allclose(
+        gain, expected.regulator.gain, atol=1e-8 * np.abs(expected.regulator.gain).max()
+    )
     assert of_force == pytest.approx(1.0, abs=1e-8)
 
 
 def test_a_weight_of_the_rate_costs_less_than_any_other_weight_of_the_force():
     # The detuned LQG has the weights that its search finds.
     found = validation_cost(TOWER, RateLimitedLQG(TOWER, 0.6, 0.7, 0.01))
-    assert found < 0.96 * validation_cost(TOWER, DetunedLQG(TOWER, 9.3))
+    assert found < 0.96 * validation_cost(TOWER, LQG(TOWER, 9.3))
 
 
 def test_a_force_that_is_commanded_by_its_rate_is_regulated():

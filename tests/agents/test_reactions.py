@@ -154,7 +154,9 @@ def test_other_designs_have_the_same_optimum(scene):
     np.testing.assert_allclose(finite.cost, p, rtol=0, atol=1e-9 * np.abs(p).max())
     # The filter apart, an LQG feeds the same states back.
     found = design_lqg(scene)
-    np.testing.assert_allclose(found.gain[states], gain[0], rtol=0, atol=1e-9 * np.abs(gain).max())
+    np.testing.assert_allclose(
+        found.regulator.gain[states], gain[0], rtol=0, atol=1e-9 * np.abs(gain).max()
+    )
     state = np.array([[0.002, 0.001, 0.1, -0.1], [-0.001, 0.002, 0.0, 0.2]])
     mpc = LinearMPC(scene, horizon=5)
     wanted = -state[:, states] @ gain.T / scene.actuation.force.limit
@@ -169,7 +171,9 @@ def test_force_with_a_lag_is_weighed_as_it_then_is():
     slow = design_lqg(lagging.replace(**{"actuation.force.lag": 1e-4}))
     gain = optimum(SCENES[1])[1]
     # A lag of a hundredth of a step leaves exp(-100) of the force before.
-    np.testing.assert_allclose(slow.gain[:4], gain[0], rtol=0, atol=1e-9 * np.abs(gain).max())
+    np.testing.assert_allclose(
+        slow.regulator.gain[:4], gain[0], rtol=0, atol=1e-9 * np.abs(gain).max()
+    )
 
 
 CLAIRVOYANT = CARRIAGE_FORCE.replace(

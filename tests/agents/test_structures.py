@@ -82,7 +82,7 @@ def test_an_lqg_needs_no_sphere(name: str):
 def test_an_lqg_feeds_a_harmonic_forward():
     design = design_lqg(structure("footbridge"))
     names = [signal.name for signal in design.system.states]
-    assert design.gain[names.index("excitation.0.cosine")] != 0.0
+    assert design.regulator.gain[names.index("excitation.0.cosine")] != 0.0
     assert np.isfinite(design.cost)
 
 
