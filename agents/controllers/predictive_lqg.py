@@ -7,9 +7,10 @@ import numpy as np
 from agents.control.controller import Acted, Info, Memory, Observation, joined, part
 from agents.control.kalman_filter import told_by
 from agents.control.scene import STATES, force_weight
-from agents.controllers.linear_mpc import HORIZON, Limits, Program
+from agents.controllers.linear_mpc import HORIZON, Limits
 from agents.controllers.lqg import ReachedLQG, best_detuned_lqg, weighed, without_force
 from agents.controllers.lqr import Quadratic
+from agents.controllers.quadratic_program import Program
 from agents.controllers.registry import Entry, once
 from agents.controllers.searched import cheapest_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene

@@ -10,8 +10,9 @@ from agents.control.feedback import Feedback, TrueState
 from agents.controllers.constant import no_control
 from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
-from agents.controllers.linear_mpc import LinearMPC, Program
+from agents.controllers.linear_mpc import PENALTY, LinearMPC
 from agents.controllers.lqr import LQR, LaggingLQR, design, lagging, problem_of
+from agents.controllers.quadratic_program import Program
 from agents.controllers.registry import laws
 from agents.controllers.tuned import further_laws
 from agents.controllers.velocity_feedback import VelocityFeedback
@@ -114,7 +115,17 @@ def lagging_program(scene, solution, steps):
     assert states == solution.states
     none = np.zeros((0, len(a) + 1))
     share = float(-np.expm1(-scene.control.time_step / scene.actuation.force.lag))
-    return Program(scene, a, b, cost, last=solution.cost, rows=none, share=share, horizon=steps)
+    return Program(
+        scene,
+        a,
+        b,
+        cost,
+        last=solution.cost,
+        rows=none,
+        share=share,
+        horizon=steps,
+        penalty=PENALTY,
+    )
 
 
 def test_plan_of_plant_and_lag_is_that_of_the_regulator_that_knows_it() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agents.control.feedback import Feedback
-from agents.controllers import linear_mpc
+from agents.controllers import quadratic_program
 from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LaggingLQR
@@ -67,7 +67,7 @@ def test_plans_of_all_lanes_are_those_of_another_solver(scene) -> None:
     found, memory = program.first(program.begin(60), states, applied)
     assert np.count_nonzero(memory["sides"].any(axis=1)) > 30
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(linear_mpc, "ROUNDS", 0)
+        patch.setattr(quadratic_program, "ROUNDS", 0)
         expected, by_osqp = program.first(program.begin(60), states, applied)
     # OSQP stops at residuals of 1e-6, of numbers of order ten.
     np.testing.assert_allclose(found, expected, atol=1e-4)
