@@ -83,17 +83,11 @@ def gain_of(a: Array, b: Array, state: Array, force: float) -> Array:
 
 
 def best_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
-    """Search the stretch and the weight next to a regulator of the force.
-
-    The search takes long, so what it finds is kept for the next that asks about the same scene.
-    """
-    if not any(scene == known for known, _ in _FOUND):
-        found = searched_pair(
-            scene,
-            lambda stretch, weight: Both(LQR(scene, stretch), ClippedLQR(scene, stretch, weight)),
-        )
-        _FOUND[:] = [(scene, found)]
-    return _FOUND[0][1]
+    """Search the stretch and the weight next to a regulator of the force."""
+    return searched_pair(
+        scene,
+        lambda stretch, weight: Both(LQR(scene, stretch), ClippedLQR(scene, stretch, weight)),
+    )
 
 
 def free_numbers(scene: Scene) -> dict[str, Free]:
@@ -140,8 +134,6 @@ def free_weights(scene: Scene, numbers: Mapping[str, float]) -> Array:
 
 
 WEIGHTED = Tunable("weighted-clipped-lqr", free_numbers, weighted_clipped_lqr)
-
-_FOUND: list[tuple[Scene, Feedback]] = []
 
 ENTRIES = (
     Entry(

@@ -20,7 +20,7 @@ from agents.controllers.clipped_lqr import free_numbers as free_numbers_of_motio
 from agents.controllers.forecast import SHAPED, UNMODELLED, ExcitationFilter
 from agents.controllers.lqg import regulator
 from agents.controllers.lqr import state_weight
-from agents.controllers.registry import Entry, Free, Tunable, unless, without_weight
+from agents.controllers.registry import Entry, Free, Tunable, once, unless, without_weight
 from mm_gym import Scene
 from mm_gym.arrays import Array
 
@@ -61,7 +61,7 @@ class FeedforwardLQR(Law):
 
 def best_feedforward_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
     """Search the clipped LQR as next to a regulator, then give the regulator feed-forward."""
-    found = best_lqr_with_clipped_lqr(scene).law
+    found = once(best_lqr_with_clipped_lqr, scene).law
     assert isinstance(found, Both)  # noqa: S101 - as it was made
     clipped = found.laws[1]
     assert isinstance(clipped, ClippedLQR)  # noqa: S101 - as it was made

@@ -7,7 +7,7 @@ asked for it.
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from importlib import import_module
@@ -40,18 +40,20 @@ class _Known:
     scene: Scene = field(compare=False)
 
 
-def once(make: Callable[[Scene], Made], scene: Scene) -> Made:
-    """Return what is made of a scene, and the same when it is asked for again.
+def once(make: Callable[..., Made], scene: Scene, *further: Hashable) -> Made:
+    """Return what is made of a scene and further arguments, and the same when asked again.
 
     Searches of designs take long, and several controllers begin with the same one. A reward of
     one's own has no part in the digest: with it everything is made anew.
     """
-    return _once(make, _Known(scene.digest, scene)) if scene.own_reward is None else make(scene)
+    if scene.own_reward is not None:
+        return make(scene, *further)
+    return _once(make, _Known(scene.digest, scene), *further)
 
 
 @lru_cache(maxsize=MADE)
-def _once(make: Callable[[Scene], Any], known: _Known) -> Any:  # noqa: ANN401 - as `once` says
-    return make(known.scene)
+def _once(make: Callable[..., Any], known: _Known, *further: Hashable) -> Any:  # noqa: ANN401 - as `once` says
+    return make(known.scene, *further)
 
 
 Role: TypeAlias = Literal["any", "law", "filter", "further", "informed"]

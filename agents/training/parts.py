@@ -15,7 +15,7 @@ from agents.control.controller import Controller
 from agents.control.feedback import Feedback
 from agents.controllers.adjustable import Adjustable, Scheduled, adjustable
 from agents.controllers.learned import Learned, Residual
-from agents.controllers.registry import RANDOM, laws, not_a_law
+from agents.controllers.registry import RANDOM, laws, not_a_law, once
 from agents.controllers.searched import least
 from agents.controllers.tuned import NOT_SCORED
 from agents.controllers.user_defined import user_defined
@@ -208,19 +208,17 @@ def best_controller(scene: Scene, *, plans: bool = True, worst: float = 1.0) -> 
         Share of the episodes, those that cost most, whose mean is the cost.
     """
     MovingMassVectorEnv(scene, 1).close()
-    key = (scene.digest, plans, worst) if scene.own_reward is None else None
-    if key in _FOUND:
-        return _FOUND[key]
-    if plans:
-        best = best_controller(scene, plans=False, worst=worst)
-        if all(_may_be_best(scene, best, worst, episodes) for episodes in FEW):
-            found = Best(PLANS, _cost(scene, PLANS, worst, best.cost))
-            best = min(best, found, key=lambda one: one.cost)
-    else:
+    return once(_best, scene, plans, worst)
+
+
+def _best(scene: Scene, plans: bool, worst: float) -> Best:  # noqa: FBT001 - an argument of `once`
+    if not plans:
         names = [name for name in laws(scene) if name not in {RANDOM, PLANS}]
-        best = Best(*least(names, lambda name, most: _cost(scene, name, worst, most)))
-    if key:
-        _FOUND[key] = best
+        return Best(*least(names, lambda name, most: _cost(scene, name, worst, most)))
+    best = once(_best, scene, False, worst)
+    if all(_may_be_best(scene, best, worst, episodes) for episodes in FEW):
+        found = Best(PLANS, _cost(scene, PLANS, worst, best.cost))
+        return min(best, found, key=lambda one: one.cost)
     return best
 
 
@@ -263,7 +261,3 @@ def _penalties(
     except (*NOT_SCORED, ActionError, DependencyNotInstalled):
         return none
     return found if np.isfinite(found).all() else none
-
-
-_FOUND: dict[tuple[str, bool, float] | None, Best] = {}
-"""By the digest of the scene: trials of a search of settings share it."""
