@@ -265,14 +265,14 @@ class Driven(NamedTuple):
     high: float
 
     def reached(self, present: float, wanted: float, step: float) -> float:
-        """Return what it reaches in a control step [s]: of its lag, its rate, its limits."""
-        part, aim = self.part, wanted
+        """Return what it reaches in a control step [s]: of its limits, its lag, its rate."""
+        part, aim = self.part, min(max(wanted, self.low), self.high)
         if part.lag > 0.0:
-            aim = present - np.expm1(-step / part.lag) * (wanted - present)
+            aim = present - np.expm1(-step / part.lag) * (aim - present)
         if part.rate_limit is not None:
             most = part.rate_limit * step
             aim = min(max(aim, present - most), present + most)
-        return min(max(aim, self.low), self.high)
+        return aim
 
 
 class Device:
