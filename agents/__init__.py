@@ -37,7 +37,7 @@ class _OldSpelling(MetaPathFinder):
         return spec_from_file_location(name, here / "__main__.py")
 
 
-sys.meta_path.append(_OldSpelling)
+sys.meta_path.append(_OldSpelling())
 
 # Matrices are small here: threads of NumPy's linear algebra cost more than they save, and a result
 # would depend on their number in the last digits. Of use where NumPy is not loaded yet.

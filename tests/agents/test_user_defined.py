@@ -1,5 +1,6 @@
 """Can a controller of the user's own be scored, and are its mistakes told in plain words?"""
 
+import importlib
 import sys
 
 import numpy as np
@@ -164,3 +165,7 @@ def test_command_ranks_it_among_the_baselines(tmp_path, monkeypatch, capsys) -> 
     assert "full state" in printed
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert names == {"scores.csv", "episodes.csv", "costs.png", "response.png"}
+
+
+def test_python_looks_for_new_modules_after_this_package_is_imported():
+    importlib.invalidate_caches()  # as notebooks and pytest do: it asks all that finds modules
