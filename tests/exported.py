@@ -7,9 +7,8 @@ import subprocess
 
 import numpy as np
 
-from agents.exports.controllers import residual
 from agents.network.c_source import c_source
-from agents.network.layers import GRU, Append, Clip, Dense
+from agents.network.layers import GRU, Append, Clip, Dense, Residual
 from agents.network.onnx import onnx_bytes
 from agents.policies import Policy, network
 
@@ -66,6 +65,10 @@ def drawn(seed, *shapes):
 def recurrent(seed, observed, units, actions):
     cell = drawn(seed, (4 * units, observed), (4 * units, units), (4 * units,))
     return policy_of([units, 16, actions], "tanh", cell=cell)
+
+
+def residual(policy, base, authority):
+    return Policy((Residual(policy.layers, base, authority),), policy.observed - len(base))
 
 
 POLICIES["recurrent"] = recurrent(1, 5, 8, 2)

@@ -7,9 +7,9 @@ command prints the memory and the time that the C source needs. A run is exporte
 channels, actuators, units and scales, and so is a controller or a file with ``--task``, or a file
 that was exported so: the C source then has ``policy_act_si``, from SI units to SI units.
 
-An agent around a controller is written together with it if the controller is linear in the
-observation. Otherwise the command says which action to pass in, and how to add the two, and the C
-source has no ``policy_act_si``.
+A controller is written as the arithmetic that it does, and an agent around one together with it.
+Where a controller does more than arithmetic, the command says which action to pass to the agent,
+and how to add the two, and the C source has no ``policy_act_si``.
 """
 
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ import tyro
 
 from agents.commands.evaluate import read_policy
 from agents.errors import command
-from agents.exports.controllers import controller_policy, linear_base, residual
+from agents.exports.controllers import controller_policy
 from agents.network.c_source import c_source, seconds_of
 from agents.network.files import ENDINGS
 from agents.network.interface import Interface
 from agents.network.onnx import onnx_bytes
-from agents.policies import AnyPolicy, PolicyError, load_exported, load_policy
-from agents.training.parts import trained_parts
+from agents.policies import AnyPolicy, Policy, PolicyError, load_exported, load_policy
+from agents.training.parts import Parts, base_controller, trained_parts
 from agents.training.progress import read_ending
 from agents.training.runs import Run
 from agents.value_table.policy import TablePolicy
@@ -84,7 +84,7 @@ class Exported:
 
 
 def read_exported(arguments: Arguments) -> Exported:
-    """Return what is named, with its base in it if that is linear.
+    """Return what is named, with its base in it where that can be exported.
 
     Raise `PolicyError`, `RunError` or `SceneError` if there is none, or its base is code of the
     user's that is not trusted.
@@ -104,8 +104,8 @@ def read_exported(arguments: Arguments) -> Exported:
     scene = load_scene(task_or_scene(task))
     interface = Interface.of_scene(scene)
     if is_controller:
-        policy, comment = controller_policy(name, scene)
-        return Exported(policy, interface, comment)
+        controller = base_controller(scene, name, "controller")
+        return Exported(controller_policy(controller, scene, name), interface)
     policy, known = _of_file(path, trust=trust)
     policy.check(interface.observed, len(interface.commands))
     if known not in (None, interface):
@@ -129,35 +129,39 @@ def _of_run(run: Run, *, trust: bool) -> Exported:
     """Return what a run stands for: its agent, or the controller that costs less."""
     policy, scene, name = load_policy(run.policy), run.scene(), run.read()["settings"].get("base")
     parts, ending = trained_parts(run, trust=trust), read_ending(run)
-    if ending is not None and ending.returned is not None:
-        comment = f"It is the controller {ending.returned}, which costs less than the run's agent."
+    interface = Interface.of_scene(scene)
+    if ending is not None and (returned := ending.returned) is not None:
+        comment = f"It is the controller {returned}, which costs less than the run's agent."
+        controller = base_controller(parts.scene, returned)
         try:
-            policy, differs = controller_policy(ending.returned, parts.scene)
+            return Exported(controller_policy(controller, scene, returned), interface, comment)
         except SceneError as error:
             msg = f"{error}. {comment} The agent is in {run.policy}"
             raise PolicyError(msg) from error
-        comment = f"{comment} {differs}".rstrip()
-        return Exported(policy, Interface.of_scene(scene), comment)
     if parts.base is None:
-        return Exported(policy, Interface.of_scene(scene))
+        return Exported(policy, interface)
+    assert isinstance(policy, Policy)  # noqa: S101 - no table is around a controller
+    whole = parts.controller(policy)  # refuses one that is not of its size
+    try:
+        return Exported(controller_policy(whole, scene, name), interface)
+    except SceneError:
+        return Exported(policy, comment=_left(parts, policy, name))
+
+
+def _left(parts: Parts, policy: Policy, name: str) -> str:
+    """Return what the user of an agent has to add whose controller cannot be exported."""
     if parts.scheduled is not None:
-        parts.controller(policy)  # refuses one that is not of its size
-        return Exported(
-            policy,
-            comment=f"Its actions set numbers of the controller {name}, which is not in it: "
+        return (
+            f"Its actions set numbers of the controller {name}, which is not in it: "
             f"{parts.scheduled.told(parts.authority)}. It reads the controller's situation "
-            f"({type(parts.scheduled).__name__}.situation).",
+            f"({type(parts.scheduled).__name__}.situation)."
         )
-    gains = linear_base(parts.base, scene)
-    if gains is None:
-        k = policy.sizes[-1]
-        last = "last input is" if k == 1 else f"last {k} inputs are"
-        return Exported(
-            policy,
-            comment=f"Its {last} the action of the controller {name}, which is not in it; "
-            f"apply clip(controller + {parts.authority} * action, -1, 1).",
-        )
-    return Exported(residual(policy, gains, parts.authority), Interface.of_scene(scene))
+    k = policy.actions
+    last = "last input is" if k == 1 else f"last {k} inputs are"
+    return (
+        f"Its {last} the action of the controller {name}, which is not in it; "
+        f"apply clip(controller + {parts.authority} * action, -1, 1)."
+    )
 
 
 @command

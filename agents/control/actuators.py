@@ -5,6 +5,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from scipy.linalg import expm
 
+from agents.control.controller import looked_up
 from agents.control.scene import nominal, plant_of, require_actuator, require_number
 from mm_gym import DesignError, Scene
 from mm_gym.analysis import spring_stiffness
@@ -177,7 +178,7 @@ class Lead:
             return state
         share = np.clip((present - self.low) / self.range, 0.0, 1.0)
         nearest = np.rint(share * (GRID - 1)).astype(np.intp)
-        return np.einsum("nij,nj->ni", self.transitions[nearest], state)
+        return np.einsum("nij,nj->ni", looked_up(self.transitions, nearest), state)
 
 
 Switching: TypeAlias = Literal["on-off", "continuous"]
@@ -221,12 +222,11 @@ class Damper:
     def towards(self, force: Array, velocity: Array, present: Array) -> Array:
         """Return actions (lanes, 1) towards forces (lanes,) [N], positive as the velocities are."""
         low, high = self.command.low, self.command.high
-        agree = force * velocity > 0.0
-        wanted = np.where(agree, self.on, low)
+        nearest = self.on
         if not self.is_on_off:
-            ratio = np.divide(force, velocity, out=np.full_like(force, low), where=agree)
-            wanted = np.clip(ratio, low, high)
-        return self.command(wanted, present)
+            with np.errstate(divide="ignore", invalid="ignore"):  # no damping is the nearest there
+                nearest = np.clip(force / velocity, low, high)
+        return self.command(np.where(force * velocity > 0.0, nearest, low), present)
 
 
 class MagnetorheologicalDamper:

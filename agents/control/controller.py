@@ -129,3 +129,13 @@ def part(memory: Memory, name: str) -> Memory:
 def chosen(lanes: NDArray[np.bool_], where: Array, elsewhere: Array) -> Array:
     """Return rows of one array in the lanes that are chosen, and of another elsewhere."""
     return np.where(lanes.reshape(-1, *[1] * (where.ndim - 1)), where, elsewhere)
+
+
+def looked_up(table: Array, place: NDArray[np.intp]) -> Array:
+    """Return the rows (lanes, ...) of a table at some places (lanes,).
+
+    By a function that also takes what `agents.network.graph` follows, as an index does not.
+    """
+    flat = table.reshape(1, len(table), -1)
+    rows = np.take_along_axis(flat, place[:, None, None], axis=1)
+    return rows.reshape(-1, *table.shape[1:])

@@ -81,11 +81,11 @@ class ObservedActuators(StateSource):
         self.shown = [k for k, name in enumerate(self.frame.names) if name in ROWS]
         self.c = np.array([ROWS[self.frame.names[k]] for k in self.shown]).reshape(-1, 4)
         self.unit = self.frame.unit[self.shown]
-        self.tuned = {  # column of an action -> that of the channel which shows what it tunes
-            k: self.frame.names.index(name)
-            for k, name in enumerate(scene.actuation.names)
-            if name in self.frame.names
-        }
+        # (channels, k): 1 where a channel shows what an actuator tunes
+        self.shows = np.array(
+            [[own == name for name in scene.actuation.names] for own in self.frame.names],
+            np.float64,
+        )
 
     def begin(self, lanes: int) -> Memory:
         begun = np.tile(self.begun, (lanes, 1))
@@ -113,10 +113,7 @@ class ObservedActuators(StateSource):
         """Count a frame; the first shows the stretch or the damping with which episodes begin."""
         first, applied, asked = memory["step"] == 0, memory["applied"], memory["asked"]
         if first.any():
-            begun = np.tile(self.begun, (len(frame), 1))
-            for k, channel in self.tuned.items():
-                begun[:, k] = np.clip(
-                    frame[:, channel], self.actuators.low[k], self.actuators.high[k]
-                )
+            shown = np.clip(frame @ self.shows, self.actuators.low, self.actuators.high)
+            begun = np.where(self.shows.any(axis=0), shown, self.begun)
             applied, asked = chosen(first, begun, applied), chosen(first, begun, asked)
         return {**memory, "step": memory["step"] + 1, "applied": applied, "asked": asked}

@@ -60,15 +60,24 @@ class ObservedState(ObservedActuators):
         What was applied since the frame before the newest one is pending; "own" are the interface's
         own states at the estimate.
         """
-        own = np.zeros((lanes, 0)) if self.model is None else self.model.at_rest(lanes)
-        pending = np.zeros((lanes, self.delays[-1] + 1, len(self.begun)))
-        begun = {"estimate": np.zeros((lanes, 4)), "own": own, "pending": pending}
+        begun = super().begin(lanes)
+        if self.model is None:
+            return begun
+        begun |= {
+            "estimate": np.zeros((lanes, 4)),
+            "own": self.model.at_rest(lanes),
+            "pending": np.zeros((lanes, self.delays[-1] + 1, len(self.begun))),
+        }
         if self.is_weighed:
             begun |= {"delay": np.full(lanes, self.delays[0]), "unlikely": np.zeros(lanes)}
-        return {**super().begin(lanes), **begun}
+        return begun
 
     def read(self, memory: Memory, observation: Observation, info: Info) -> Read:
-        frame, step, delay = self.frame.values(observation), memory["step"], self._delay(memory)
+        frame = self.frame.values(observation)
+        if self.model is None:  # the newest frame shows the present state
+            memory = self._seen(memory, frame)
+            return frame[:, self.shown] @ self.inverse.T, memory["applied"], memory
+        step, delay = memory["step"], self._delay(memory)
         shown, estimate, own = frame[:, self.shown], memory["estimate"], memory["own"]
         if (step == 0).any():
             estimate = chosen(step == 0, shown @ self.inverse.T, estimate)
@@ -88,6 +97,8 @@ class ObservedState(ObservedActuators):
 
     def note(self, memory: Memory, action: Array) -> Memory:
         memory = super().note(memory, action)
+        if self.model is None:
+            return memory
         pending = np.concatenate([memory["pending"][:, 1:], memory["applied"][:, None]], axis=1)
         return {**memory, "pending": pending}
 
@@ -96,7 +107,8 @@ class ObservedState(ObservedActuators):
 
     def _predicted(self, estimate: Array, own: Array, applied: Array) -> tuple[Array, Array]:
         """Return the states and own states a step later, as far as a model is asked for them."""
-        if self.model is None or (self.exact and not self.model.own_rows):
+        assert self.model is not None  # noqa: S101 - asked for
+        if self.exact and not self.model.own_rows:
             return estimate, own
         self.model.begin(estimate, own)
         return self.model.advance(applied)[0].copy(), self.model.own
@@ -114,7 +126,8 @@ class ObservedState(ObservedActuators):
         That are so many steps (lanes,): an episode's first frame is not late.
         """
         present, pending = memory["estimate"], memory["pending"]
-        if self.model is None or not late.any():
+        assert self.model is not None  # noqa: S101 - as below
+        if not late.any():
             return present
         self.model.begin(present, memory["own"])
         lanes, first = np.arange(len(late)), pending.shape[1] - late

@@ -80,8 +80,7 @@ class SharedForce(ClippedOptimal):
         reached, _ = self.actuators.reached(actions, applied, applied)
         given = self.device.present(reached) * self.device.velocity(state)
         rest = self.force(memory, state) - given
-        actions[:, :1] = self.drive(rest, self.drive.present(applied))
-        return actions, memory
+        return np.concatenate([self.drive(rest, self.drive.present(applied)), damping], 1), memory
 
 
 class ClippedVoltage(Law):

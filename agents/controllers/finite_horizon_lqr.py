@@ -3,7 +3,7 @@
 import numpy as np
 
 from agents.control.actuators import Command
-from agents.control.controller import Acted, Law, Memory
+from agents.control.controller import Acted, Law, Memory, looked_up
 from agents.controllers.lqr import problem_of
 from agents.controllers.registry import regulator_entry
 from mm_gym import DesignError, Scene
@@ -56,9 +56,9 @@ class FiniteHorizonLQR(Law):
 
     def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         step = memory["step"]
-        gain = self.gains[np.minimum(step, len(self.gains) - 1)]
-        force = np.einsum("ln,ln->l", state[:, self.states], gain)
-        return -force[:, None] / self.limit, {"step": step + 1}
+        gain = looked_up(self.gains[:, None], np.minimum(step, len(self.gains) - 1))
+        force = np.einsum("lij,lj->li", gain, state[:, self.states])
+        return -force / self.limit, {"step": step + 1}
 
 
 ENTRIES = (

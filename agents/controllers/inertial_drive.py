@@ -81,8 +81,9 @@ class InertialDrive(Adjustable):
         x1, x2, v1, v2 = state.T
         rest = x2 - x1 + self.momentum * v2
         side = np.where(memory["side"] == 0.0, np.sign(rest), memory["side"])
-        towards = side * [x1, rest, v1, v2] / np.c_[[self.length] * 2 + [self.speed] * 2]
-        return np.vstack([towards, memory["mode"] - PUSH]).T
+        scales = [self.length] * 2 + [self.speed] * 2
+        towards = side[:, None] * np.column_stack([x1, rest, v1, v2]) / scales
+        return np.column_stack([towards, memory["mode"] - PUSH])
 
     def friction(self, slip: Array) -> Array:
         """Return the friction force [N] on the carriage at slips v2 - v1 [m/s]."""

@@ -25,7 +25,7 @@ class Learned(Controller):
 
 def observed(observation: Single, proposed: Array) -> Single:
     """Return what the agent observes, (lanes, n + k): the environment's, and the base's action."""
-    return np.hstack([observation, proposed.astype(np.float32)])
+    return np.concatenate([observation, proposed.astype(np.float32)], 1)
 
 
 class Residual(Controller):

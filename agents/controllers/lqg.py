@@ -8,7 +8,14 @@ import control
 import numpy as np
 
 from agents.control.actuators import Actuators, Command
-from agents.control.controller import Acted, Controller, Info, Memory, Observation
+from agents.control.controller import (
+    Acted,
+    Controller,
+    Info,
+    Memory,
+    Observation,
+    looked_up,
+)
 from agents.control.kalman_filter import (
     UNMODELLED,
     KalmanFilter,
@@ -224,7 +231,7 @@ class LQG(Controller):
     def corrected(self, memory: Memory, observation: Observation) -> Memory:
         """Return the memory with the estimate corrected by what is observed."""
         step, filters = memory["step"], self.design.filters
-        gain = filters[np.minimum(step, len(filters) - 1)]
+        gain = looked_up(filters, np.minimum(step, len(filters) - 1))
         change = np.einsum("lnp,lp->ln", gain, self.missed(memory, observation))
         return {**memory, "step": step + 1, "estimate": memory["estimate"] + change}
 

@@ -73,6 +73,8 @@ class Guard:
         self, method: Callable[..., Any], memory: Memory, *arguments: NDArray[Any] | dict[str, Any]
     ) -> Acted:
         """Return the actions and the memory that a method returns."""
+        if not isinstance(arguments[0], np.ndarray):  # it is followed for an export
+            return self.call(method, memory, *arguments)
         lanes = len(arguments[0])
         returned = self.call(method, memory, *arguments)
         if not (isinstance(returned, tuple) and len(returned) == 2):  # noqa: PLR2004

@@ -1,132 +1,90 @@
 """Controllers as policies, which C, ONNX and NumPy files are written from."""
 
+from math import prod
+from typing import Any
+
 import numpy as np
 
 from agents.control.controller import Controller
-from agents.control.kalman_filter import state_units
-from agents.controllers.learned import Learned
-from agents.controllers.lqg import LQG
-from agents.network.layers import Clip, Dense, Residual, SettlingObserver
+from agents.control.scene import ENDLESS
+from agents.network.graph import Graph, Signal
 from agents.network.policy import Policy
-from agents.scoring import validation_cost
-from agents.training.parts import base_controller
-from mm_gym import MovingMassVectorEnv, Scene, SceneError, compile_scene
+from mm_gym import MovingMassVectorEnv, Scene, SceneError
 from mm_gym.arrays import Array
+from mm_gym.errors import refuse
 
-SMALL = 2.0**-14
-"""Observation whose action is not clipped; a power of two, which single precision has exactly."""
+LANES, STEPS = 20, 200  # of the episodes on which a policy is compared with its controller
 
-ASKED, STEPS = 100, 3
-"""Random observations on which a law is checked, in so many steps one after the other."""
+CLOSE, ALIKE = 1e-6, 0.99
+"""Largest difference of actions that are the same, and the least share of these: rounding may turn
+a switch round."""
 
-CLOSE = 1e-9
-"""Largest difference of a linear law from its gains: round-off is less, a second law more."""
+ALLOWED = (
+    "one that makes its action of observations and of what it remembers by NumPy's arithmetic, "
+    "with no choice, search or compiled code between"
+)
 
 
-def linear_base(base: Controller, scene: Scene) -> Array | None:
-    """Return gains and constants (k, n + 1) of a base, or None if it is not a linear law.
+def controller_policy(controller: Controller, scene: Scene, name: str) -> Policy:
+    """Return a controller as a policy: the arithmetic that it does on NumPy's arrays.
 
-    A law is linear if its clipped action is that of its gains on random observations, small and
-    large, whatever went before: so one that switches is not. Nor is one whose own memory still
-    changes after the first step, as a count of steps does: it may act otherwise later. What a
-    source remembers to estimate the state shows within those steps.
+    Raise `SceneError`, which names the controller, if it does anything else.
     """
-    if base.reads != "observation":
-        return None
-    observed = int(np.prod(MovingMassVectorEnv(scene, 1).single_observation_space.shape))
-    env = MovingMassVectorEnv(scene, 1 + observed + ASKED)
+    if controller.reads != "observation":
+        refuse("controller", f"{name!r}, which reads the {controller.reads}", ALLOWED)
+    env = MovingMassVectorEnv(scene.replace(**ENDLESS), LANES)
     env.reset(seed=0)
-    before = memory = base.begin(env)
-    generator = np.random.default_rng(0)
-    gains = None
-    for _ in range(STEPS):
-        before = memory
-        sizes = generator.choice([SMALL, 0.01, 1.0], (ASKED, 1))
-        drawn = sizes * generator.standard_normal((ASKED, observed))
-        asked = np.vstack([np.zeros(observed), SMALL * np.eye(observed), drawn]).astype(np.float32)
-        proposed, memory = base.propose(memory, asked, {})
-        if gains is None:
-            constant = proposed[0]
-            rows = (proposed[1 : 1 + observed] - constant) / SMALL
-            gains = np.column_stack([rows.T, constant])
-        wanted = np.clip(asked.astype(np.float64) @ gains[:, :-1].T + gains[:, -1], -1.0, 1.0)
-        if not np.allclose(proposed, wanted, rtol=0.0, atol=CLOSE):
-            return None
-        memory = base.note(memory, proposed)
-    own = [name for name in memory if not name.startswith("source/")]
-    changed = any(not np.array_equal(memory[name], before[name]) for name in own)
-    return None if changed else gains
+    try:
+        policy = _followed(controller, env)
+    except (TypeError, ValueError, LookupError, AttributeError) as error:
+        msg = f"controller: got {name!r}; allowed for an export: {ALLOWED} ({error})"
+        raise SceneError(msg) from error
+    share = _alike(controller, policy, env, min(STEPS, scene.control.steps))
+    if share < ALIKE:
+        told = f"{name!r}, which acts otherwise than its arithmetic in {1.0 - share:.0%} of steps"
+        refuse("controller", told, ALLOWED)
+    return policy
 
 
-def residual(policy: Policy, gains: Array, authority: float) -> Policy:
-    """Return a policy added to a linear controller of gains and constants (k, n + 1)."""
-    base = gains.astype(np.float32)
-    return Policy((Residual(policy.layers, base, authority),), policy.observed - len(base))
+def _followed(controller: Controller, env: MovingMassVectorEnv) -> Policy:
+    """Return what a controller computes in a step, noted while it does so.
 
-
-def controller_policy(name: str, scene: Scene) -> tuple[Policy, str]:
-    """Return a controller of a scene, by its name or FILE.py:NAME, as a policy.
-
-    Also in which way they differ, which is empty if they do not. Raise `SceneError` if there is no
-    such controller, it is none that can be written as layers, or an LQG's estimate does not begin
-    at 0.
+    What it remembers is told from what an episode begins with, so that it is 0 there; what its
+    actions never depend on is left out.
     """
-    controller = base_controller(scene, name, "controller")
-    if type(controller) is LQG:
-        policy = _settled(controller, scene)
-        own, exported = (validation_cost(scene, one) for one in (controller, Learned(policy)))
-        return policy, (
-            "Its filter has the gain of an episode's first frame, and from the second the "
-            f"stationary one; on the validation episodes it costs {exported:.4g}, and {name}, "
-            f"whose gains settle over {len(controller.design.filters)} frames, {own:.4g}."
-        )
-    gains = linear_base(controller, scene)
-    if gains is None:
-        msg = (
-            f"controller: got {name!r}; allowed for an export: the LQG, and controllers that are "
-            "linear in the observation"
-        )
-        raise SceneError(msg)
-    return Policy(_clipped(gains), gains.shape[1] - 1), ""
+    begun = {key: array[:1] for key, array in controller.begin(env).items()}
+    widths = {key: prod(array.shape[1:]) for key, array in begun.items()}
+    observed, kept = env.single_observation_space.shape[0], list(begun)
+    while True:
+        graph, memory = Graph(), dict[str, Any](begun)
+        seen: Any = graph.input("observation", observed)
+        known = graph.input("memory", sum(widths[key] for key in kept))
+        parts: dict[str, Signal] = {}
+        for key in kept:
+            first = sum(one.made_by.width for one in parts.values())
+            parts[key] = graph.add("slice", [known], widths[key], first)
+            memory[key] = parts[key].reshape(-1, *begun[key].shape[1:]) + begun[key]
+        action, after = controller.act(memory, seen, {})
+        changes = {key: (after[key] - begun[key]).reshape(-1, widths[key]) for key in kept}
+        used: list[str] = []
+        while True:
+            told = graph.joined([np.empty((1, 0)), *(changes[key] for key in used)])
+            graph.outputs = {"action": graph.signal(action), "next_memory": told}
+            needed = graph.needed()
+            if used == (used := [key for key in kept if parts[key].made_by in needed]):
+                break
+        if used == kept:
+            return Policy.of_graph(graph)
+        kept = used
 
 
-def _clipped(gains: Array) -> tuple[Dense, Clip]:
-    """Return the layers of an action that is linear: of gains and constants (k, n + 1)."""
-    single, ends = gains.astype(np.float32), np.ones(len(gains), np.float32)
-    return Dense(single[:, :-1], single[:, -1]), Clip(-ends, ends)
-
-
-def _settled(controller: LQG, scene: Scene) -> Policy:
-    """Return an LQG with two of its filter's gains, in units that suit single precision.
-
-    That of an episode's first frame tells where the episode begins; from the second frame on the
-    gain is the stationary one. The filter's estimate is a linear memory that knows the clipped
-    action. Raise `SceneError` where episodes begin about another state than 0, as the memory does
-    not.
-    """
-    if controller.design.start.any():
-        msg = (
-            "initial: got motions whose mean is not 0; allowed for an export of the LQG: ranges "
-            "about 0, at which its memory begins"
-        )
-        raise SceneError(msg)
-    plant, design, limit = compile_scene(scene), controller.design, controller.limit
-    system = design.system
-    units = state_units(scene, plant, system)
-    shown = [plant.channels.index(signal.name) for signal in system.outputs]
-    channels = [plant.observed[k] for k in shown]
-    factors = np.array([channel.factor for channel in channels])
-    observed = plant.history * len(plant.channels)
-    select = np.zeros((len(shown), observed))
-    select[range(len(shown)), [observed - len(plant.channels) + k for k in shown]] = 1.0
-    zeros = np.array([channel.zero * channel.factor for channel in channels])
-    first, enter = (design.filters[k] / factors / units[:, None] for k in (0, -1))
-    left = np.eye(len(units)) - enter @ (factors[:, None] * system.C * units)
-    predict, push = system.A * units / units[:, None], limit * system.B[:, :1] / units[:, None]
-    keep, back = left @ predict, left @ push
-    # What is remembered is 0 at the first frame, so that its gain acts on the frame alone.
-    early = np.hstack([np.zeros_like(keep), first - enter, np.zeros_like(back)])
-    memory = (one.astype(np.float32) for one in (keep, enter, back, early, np.zeros(1)))
-    gains = np.concatenate([np.zeros(len(shown)), -design.regulator.gain * units / limit, [0.0]])
-    read = Dense(select.astype(np.float32), zeros.astype(np.float32))
-    return Policy((read, SettlingObserver(_clipped(gains[None]), *memory)), observed)
+def _alike(controller: Controller, policy: Policy, env: MovingMassVectorEnv, steps: int) -> float:
+    """Return the share of actions that are the controller's, in episodes that it controls."""
+    observation, _ = env.reset(seed=1)
+    memory, known = controller.begin(env), policy.begin(LANES)
+    differences: list[Array] = []
+    for _ in range(steps):
+        action, memory = controller.act(memory, observation, {})
+        differences.append(np.abs(policy.act(observation, known) - action))
+        observation, *_ = env.step(action)
+    return float(np.mean(np.array(differences) < CLOSE))

@@ -9,29 +9,43 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from agents.network.graph import Graph, Operation, Signal
+from agents.network.graph import CHOICE, COMPARISONS, TABLE, TURNED, UNARY, Graph, Operation, Signal
 from agents.network.interface import Interface, counted
 from mm_gym.arrays import Array
 
+NAMES = {"absolute": "fabs", "arccos": "acos", "power": "pow"}
+SIGNS = {
+    "greater": ">",
+    "greater_equal": ">=",
+    "less": "<",
+    "less_equal": "<=",
+    "equal": "==",
+    "not_equal": "!=",
+}
+
 FUNCTIONS = {
+    **{name: f"(REAL){NAMES.get(name, name)}((double){{}})" for name in UNARY},
+    **{name: f"(REAL)({{}} {SIGNS[name]} {{}})" for name in COMPARISONS},
     "tanh": "hyperbolic({})",
     "negative": "-{}",
-    "absolute": "(REAL)fabs((double){})",
-    "sqrt": "(REAL)sqrt((double){})",
+    "sign": "sign({})",
+    "power": "(REAL)pow((double){}, (double){})",
     "add": "{} + {}",
     "subtract": "{} - {}",
     "multiply": "{} * {}",
     "divide": "{} / {}",
     "minimum": "least({}, {})",
     "maximum": "most({}, {})",
+    CHOICE: "{} != 0 ? {} : {}",
 }
-"""Of numbers, those of `agents.network.graph.UNARY` and `BINARY`."""
+"""Of numbers, those of `agents.network.graph`."""
 
 HELPERS = {
     "hyperbolic(": """static REAL hyperbolic(REAL x) {
     if (sizeof(REAL) == sizeof(float)) return (REAL)tanhf((float)x);
     return (REAL)tanh((double)x);
 }""",
+    "sign(": "static REAL sign(REAL x) {\n    return (REAL)((x > 0) - (x < 0));\n}",
     "least(": "static REAL least(REAL x, REAL y) {\n    return x < y ? x : y;\n}",
     "most(": "static REAL most(REAL x, REAL y) {\n    return x > y ? x : y;\n}",
     "add_products(": """static void add_products(
@@ -49,6 +63,8 @@ TEMPLATE = Environment(  # noqa: S701 - it is no HTML
     lstrip_blocks=True,
     keep_trailing_newline=True,
 ).get_template("policy.c.jinja")
+
+LARGEST = float(np.finfo(np.float32).max)  # what is beyond it limits nothing
 
 CALLS = 200_000  # of a measurement
 
@@ -111,6 +127,11 @@ class _Writer:
             return _literal(one[0])
         return f"{self.table(one)}[i]"
 
+    def begin(self, signal: Signal) -> str:
+        """Return where the numbers of a signal begin."""
+        array, first = self.places[signal.made_by]
+        return f"{array} + {first}"
+
     @staticmethod
     def element(place: tuple[str, int], width: int) -> str:
         """Return the i-th of numbers, or the only one."""
@@ -139,14 +160,20 @@ class _Writer:
                 value = self.element(self.places[signal.made_by], width)
                 self.statements.append(f"{_loop(width)}{target} = {value};")
                 first += width
-        elif one.name == "product":
-            signal, weight, *bias = one.inputs
+        elif one.name in {"product", TURNED}:
+            signal, weight, *bias = one.inputs if one.name == "product" else one.inputs[::-1]
             begin = self.operand(bias[0]) if bias else "0"
             self.statements.append(f"{loop}{self.element(place, one.width)} = {begin};")
-            given, made = (f"{a} + {i}" for a, i in (self.places[signal.made_by], place))
-            sizes = f"{one.width}, {weight.shape[1]}"
-            self.statements.append(f"add_products({self.table(weight)}, {given}, {made}, {sizes});")
-            self.products += weight.size
+            turns = self.begin(weight) if isinstance(weight, Signal) else self.table(weight)
+            made, columns = f"{place[0]} + {place[1]}", signal.shape[1]
+            given = f"{turns}, {self.begin(signal)}, {made}, {one.width}, {columns}"
+            self.statements.append(f"add_products({given});")
+            self.products += one.width * columns
+        elif one.name == TABLE:
+            index, rows = one.inputs
+            row = f"(int){self.operand(index)} * {one.width}"
+            value = f"{self.table(rows)}[{row}{'' if one.width == 1 else ' + i'}]"
+            self.statements.append(f"{loop}{self.element(place, one.width)} = {value};")
         else:
             value = FUNCTIONS[one.name].format(*map(self.operand, one.inputs))
             self.statements.append(f"{loop}{self.element(place, one.width)} = {value};")
@@ -157,6 +184,8 @@ def _loop(width: int) -> str:
 
 
 def _literal(value: float) -> str:
+    if abs(value) > LARGEST:
+        return f"{'-' if value < 0.0 else ''}(REAL)INFINITY"
     return f"(REAL){float(value)!r}" if value >= 0.0 else f"(-(REAL){-float(value)!r})"
 
 

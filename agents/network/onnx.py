@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.network.graph import Graph, Operation, Signal
+from agents.network.graph import CHOICE, COMPARISONS, TABLE, TURNED, Graph, Operation, Signal
 from mm_gym.arrays import Array
 
 OPSET, FORMAT = 17, 8  # versions of operators and file, of 2022: runtimes since read them
@@ -19,12 +19,26 @@ OPERATORS = {
     "negative": "Neg",
     "absolute": "Abs",
     "sqrt": "Sqrt",
+    "sign": "Sign",
+    "rint": "Round",
+    "sin": "Sin",
+    "cos": "Cos",
+    "arccos": "Acos",
+    "exp": "Exp",
+    "log": "Log",
     "add": "Add",
     "subtract": "Sub",
     "multiply": "Mul",
     "divide": "Div",
     "minimum": "Min",
     "maximum": "Max",
+    "power": "Pow",
+    "greater": "Greater",
+    "greater_equal": "GreaterOrEqual",
+    "less": "Less",
+    "less_equal": "LessOrEqual",
+    "equal": "Equal",
+    "not_equal": "Equal",
 }
 """Those of `agents.network.graph.UNARY` and `BINARY`."""
 
@@ -100,7 +114,27 @@ class _File:
             return self.add("Concat", *given, axis=1)
         if one.name == "product":
             return self.add("Gemm", *given, transB=1)
-        return self.add(OPERATORS[one.name], *given)
+        if one.name == TURNED:
+            shapes = [-1, one.width, one.inputs[1].shape[1]], [-1, one.inputs[1].shape[1], 1]
+            both = [
+                self.add("Reshape", *pair)
+                for pair in zip(given, map(np.array, shapes), strict=True)
+            ]
+            return self.add("Reshape", self.add("MatMul", *both), np.array([-1, one.width]))
+        return self.choice(one.name, given)
+
+    def choice(self, name: str, given: list[Any]) -> str:
+        """Append an operation by what numbers are: truth values, places in a table, or numbers."""
+        kinds = self.onnx.TensorProto
+        if name == CHOICE:
+            return self.add("Where", self.add("Cast", given[0], to=kinds.BOOL), *given[1:])
+        if name == TABLE:
+            place = self.add("Cast", given[0], to=kinds.INT64)
+            return self.add("Gather", given[1], self.add("Reshape", place, np.array([-1])), axis=0)
+        made = self.add(OPERATORS[name], *given)
+        if name == "not_equal":
+            made = self.add("Not", made)
+        return self.add("Cast", made, to=kinds.DOUBLE) if name in COMPARISONS else made
 
     def add(self, operator: str, *inputs: str | Array, **attributes: object) -> str:
         """Append an operator; return its output. Inputs that are numbers become constants."""

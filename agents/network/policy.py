@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
+from agents.network.arithmetic import Arithmetic
 from agents.network.files import PolicyError, content_of, numbers
 from agents.network.graph import Graph
 from agents.network.interface import Interface, counted
@@ -88,9 +89,9 @@ class Policy:
         """Return the memory (lanes, m) with which an episode begins."""
         return np.zeros((lanes, self.remembers))
 
-    def step(self, observation: ArrayLike, memory: Array) -> tuple[Array, Array]:
+    def step(self, observation: Array | Single, memory: Array) -> tuple[Array, Array]:
         """Return the actions (lanes, k) for observations (lanes, n), and the memory after them."""
-        return run(self.layers, np, np.asarray(observation, np.float64), memory)
+        return run(self.layers, np, observation.astype(np.float64), memory)
 
     def act(self, observation: ArrayLike, memory: Array | None = None) -> Array:
         """Return the actions (lanes, k) for observations (lanes, n) as the environment has them.
@@ -107,6 +108,11 @@ class Policy:
         memory = self.begin(len(values)) if memory is None else memory
         action, memory[:] = self.step(values, memory)
         return action
+
+    @classmethod
+    def of_graph(cls, graph: Graph) -> Policy:
+        """Return a computation from "observation" and "memory" to "action" and "next_memory"."""
+        return cls((Arithmetic.of(graph),), graph.inputs["observation"].made_by.width)
 
     def graph(self) -> Graph:
         """Return what C and ONNX are written from."""
@@ -191,14 +197,15 @@ def _read(told: object, left: dict[str, Single], prefix: str) -> tuple[Layer, ..
         if kind is None:
             refuse(f"{own}kind", f"{entry!r}", ", ".join(KINDS), ValueError)
         given: dict[str, Any] = {name: value for name, value in entry.items() if name != "kind"}
-        names = [one.name for one in fields(kind)]  # pyright: ignore[reportArgumentType] - a dataclass
-        for name in names:
+        types = {one.name: one.type for one in fields(kind)}  # pyright: ignore[reportArgumentType] - a dataclass
+        for name, type_ in types.items():
             if name == "layers":
                 given[name] = _read(given.get(name), left, f"{own}layers.")
             elif name not in given:
-                given[name] = taken(left, own + name)
-        if set(given) != set(names):
-            refuse(f"{own}{kind.kind}", ", ".join(given), ", ".join(names), ValueError)
+                dtype = np.float64 if type_ == "Array" else np.float32
+                given[name] = taken(left, own + name, dtype)
+        if set(given) != set(types):
+            refuse(f"{own}{kind.kind}", ", ".join(given), ", ".join(types), ValueError)
         _check_settings(kind, given, own)
         found.append(kind(**given))
     return tuple(found)
@@ -206,7 +213,7 @@ def _read(told: object, left: dict[str, Single], prefix: str) -> tuple[Layer, ..
 
 def _check_settings(kind: type[Layer], given: Mapping[str, Any], own: str) -> None:
     """Raise `ValueError` unless what is no array has the type that the layer declares."""
-    types = {"str": str, "float": (float, int)}
+    types = {"str": str, "float": (float, int), "int": int, "list[Any]": list}
     for own_field in fields(kind):  # pyright: ignore[reportArgumentType] - a dataclass
         wanted, value = types.get(str(own_field.type)), given[own_field.name]
         wrong = wanted is not None and (not isinstance(value, wanted) or value is True)
@@ -214,12 +221,12 @@ def _check_settings(kind: type[Layer], given: Mapping[str, Any], own: str) -> No
             refuse(f"{own}{own_field.name}", f"{value!r}", f"{own_field.type}", ValueError)
 
 
-def taken(left: dict[str, Single], name: str) -> Single:
+def taken(left: dict[str, Single], name: str, dtype: DTypeLike = np.float32) -> Single:
     """Return one of several arrays, and drop it there; raise `ValueError` if it is none."""
     if name not in left or not left[name].ndim or not left[name].size:
         got = f"shape {left[name].shape}" if name in left else "nothing"
         refuse(name, got, "an array of finite numbers", ValueError)
-    found = numbers(left, name, left[name].shape, np.float32)
+    found = numbers(left, name, left[name].shape, dtype)
     del left[name]
     return found
 

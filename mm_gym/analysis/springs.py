@@ -44,7 +44,7 @@ def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> Array:
     k0
         ``springs.stiffness`` [N/m].
     """
-    excess = np.asarray(k2, np.float64) / (2.0 * np.asarray(k0, np.float64)) - 1.0
+    excess = np.divide(k2, 2.0 * np.asarray(k0, np.float64)) - 1.0
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(excess > 0.0, (2.0 / excess) ** (1.0 / 3.0), np.inf)
 

@@ -143,12 +143,19 @@ def test_run_of_a_schedule_is_scored_as_it_was_validated_and_says_what_an_export
     words = ["export", str(run.folder), "--out", str(tmp_path / "out.safetensors")]
     monkeypatch.setattr("sys.argv", words)
     assert export.main() is None
+    assert capsys.readouterr().out == f"written: {words[-1]}\n"
+    late = Run("late", tmp_path)  # what is late is estimated by the scene's model
+    late.open(settings(changes={"sensors.delay": 1}))
+    constant(np.zeros(len(LAW.free))).save(late.policy)
+    words[1] = str(late.folder)
+    assert export.main() is None
     told = capsys.readouterr().out
+    numbers = recorded_parts(late.scene(), late.read()["settings"], trust=False).scheduled.numbers
     assert "actions set numbers of the controller inertial-drive" in told
-    assert f"lead = {LAW.numbers['lead']:.6g} + 0.3 * action, within" in told
-    assert f"push = {LAW.numbers['push']:.6g} * exp(0.5 * action)" in told
+    assert f"lead = {numbers['lead']:.6g} + 0.3 * action, within" in told
+    assert f"push = {numbers['push']:.6g} * exp(0.5 * action)" in told
     small = constant(np.zeros(1))
-    small.save(run.policy)
+    small.save(late.policy)
     assert (
         "got 5 observed numbers and 1 action; a schedule of the inertial drive has 5 and 12"
         in str(export.main()) + capsys.readouterr().err
