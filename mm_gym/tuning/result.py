@@ -318,7 +318,8 @@ def _over_frequency(
 
 def _frequencies(designs: list[Design], w1: float) -> Array:
     """Return the frequencies [rad/s] to draw, with all peaks among them."""
-    own = [design.frequency_ratio * w1 for design in designs if design.frequency_ratio > 0.0]
-    low, high = SPAN[0] * min(w1, *own), SPAN[1] * max(w1, *own)
+    natural = [w1]  # and those of the absorbers that have springs
+    natural += [design.frequency_ratio * w1 for design in designs if design.frequency_ratio > 0.0]
+    low, high = SPAN[0] * min(natural), SPAN[1] * max(natural)
     peaks = [d.peak_frequency for d in designs if low < d.peak_frequency < high]
     return np.sort(np.append(np.linspace(low, high, POINTS), peaks))

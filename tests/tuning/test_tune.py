@@ -217,3 +217,9 @@ def test_command_prints_draws_and_writes_the_tuned_scene(tmp_path, capsys):
     tuned = load_scene(tmp_path / "out" / "tuned.toml")
     assert tuned == tune(TASKS["mm_gym/PreStretch-v0"]).tuned
     assert (tmp_path / "out" / "response.png").stat().st_size > 10_000
+
+
+def test_response_without_springs_is_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    assert main(["tune", "mm_gym/CarriageForce-v0", "--out", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "response.png").stat().st_size > 10_000
