@@ -1,12 +1,11 @@
 """Animations of the site: one for each task, and the moving picture of the first page.
 
-``python docs/animations.py runs/NAME`` draws the latter anew, from an agent on PreStretch.
+``python docs/animations.py`` draws the latter anew, from a published policy.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +27,7 @@ STATIC = HERE / "static"
 MOVING = STATIC / "moving.gif"
 
 TASK = "PreStretch"
+POLICY = HERE / "policies" / f"{TASK}-gradient.safetensors"
 
 STEPS = 60
 """Pictures of a task's animation."""
@@ -83,15 +83,14 @@ def _pictures(env: gymnasium.Env, act: Act, steps: int) -> list[NDArray[np.uint8
 
 
 def _write(file: Path, pictures: list[NDArray[np.uint8]]) -> None:
-    first, *rest = [Image.fromarray(one).quantize(32) for one in pictures]
+    # With fewer colours, those of small parts, such as springs and arrows, become others.
+    first, *rest = [Image.fromarray(one).quantize(128) for one in pictures]
     first.save(file, save_all=True, append_images=rest, duration=80, loop=0, optimize=True)
 
 
 if __name__ == "__main__":
     from agents.policies import load_policy
-    from agents.training.runs import Run
 
-    folder = Path(sys.argv[1])
-    policy = load_policy(Run(folder.name, folder.parent).policy)
+    policy = load_policy(POLICY)
     memory = policy.begin(1)
     compare(lambda observation: policy.act(observation[None], memory)[0].astype(np.float32))
