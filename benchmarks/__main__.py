@@ -35,12 +35,11 @@ SECTIONS = {
 PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
 HEADER = """# Benchmarks
 
-`make bench` writes this page. A comment at the head of each section in the source of this page has
-the command that writes the section alone. Unless a section says otherwise, every ratio is the
-median over rounds in which the candidates took turns, and ± is half the interquartile range. Peers
-that are not installed are left out. The line at the end of a section names the processor, the
-versions, and the commit that was measured or, for sections older than this line, the commit that
-brought the numbers.
+`make bench` writes this page; a comment above each section in the source of the page has the
+command that writes this section alone. Unless a section says otherwise, every ratio is the median
+over rounds in which the candidates took turns, and ± is half the interquartile range. Peers that
+are not installed are left out. The last line of a section names the processor, the versions, and
+the commit that was measured or, for older sections, the commit that added the numbers.
 """
 MARK = "<!-- python -m benchmarks --write {} -->"
 

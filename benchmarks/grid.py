@@ -214,7 +214,8 @@ def _summary(rows: list[Row]) -> str:
     for name, both in pairs.items():
         ratios = [speed / other[0] for speed, other in both if other is not None]
         ahead = sum(ratio >= 1.0 for ratio in ratios)
-        range_of = f", {min(ratios):.2g} to {max(ratios):.2g} times as fast" if ratios else ""
+        ends = [f"{float(f'{one:.2g}'):g}" for one in (min(ratios), max(ratios))] if ratios else []
+        range_of = f", {' to '.join(ends)} times as fast" if ratios else ""
         texts.append(
             f"RK4 attains {name} in {len(ratios)} of {len(rows)} rows; mm_gym is at least as fast"
             f" in {ahead} of these{range_of}."
