@@ -101,7 +101,7 @@ def test_every_equation_section_and_erratum_is_in_the_model():
     for _, _, _, where, verdict in LINES:
         for number in re.findall(r"\((\d+)\)", where):
             assert rf"\tag{{{number}}}" in MODEL, number
-        for number in re.findall(r"section (\d+) of `docs/model.md`", where):
+        for number in re.findall(r"section (\d+) of \[model\]", where):
             assert f"\n## {number}. " in MODEL
         assert set(re.findall(r"\bE\d+\b", where + verdict)) <= ERRATA
 
