@@ -141,11 +141,10 @@ def _draw(spectrum: ResponseSpectrum) -> Figure:
             label = f"damping ratio {ratio:g}"
             one.semilogx(spectrum.periods[order], values, label=label, **look)
         if name.endswith("acceleration"):
-            label = "peak of the ground"
+            label = "largest ground acceleration"
             one.axhline(spectrum.peak_acceleration, color="0.5", linewidth=0.8, label=label)
-        one.set(
-            ylabel=f"{name.replace('_', '-', name.startswith('pseudo')).replace('_', ' ')} [{unit}]"
-        )
+        quantity = name.replace("_", "-", name.startswith("pseudo")).replace("_", " ")
+        one.set(ylabel=f"{quantity} [{unit.replace('^2', '²')}]")
         one.set_ylim(bottom=0.0)
     for one in axes[2:]:
         one.set(xlabel="period [s]")
