@@ -230,7 +230,7 @@ def _draw(result: WorkPrecision) -> Figure:
             markersize=7.0 if auto else 4.0,
             zorder=3.0 if auto else 2.0,
         )
-    axes.axvspan(0.1 * result.resolution, result.resolution, color="0.9", label="oracle's error")
+    axes.axvspan(0.1 * result.resolution, result.resolution, color="0.9", label="error of SciPy")
     axes.set(xscale="log", yscale="log", xlim=(1.0, 0.3 * result.resolution))
     axes.set(xlabel="error of a control step [-]", ylabel="cost of a control step [µs]")
     legend_below(figure, axes, len(methods) + 1)
