@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from itertools import product
+from itertools import groupby, product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -237,7 +237,15 @@ def _levels(found: list[Measured]) -> str:
                 ahead.setdefault(name, []).append(f"{level:.0e}")
     faster = "; ".join(f"{name} at {', '.join(levels)}" for name, levels in ahead.items())
     text = f"Faster than mm_gym: {faster}." if faster else "Nothing is faster than mm_gym."
-    return f"{table(('error at most', *families), rows)}\n\n{text}"
+    return f"{table(('error at most', *families), merged(rows))}\n\n{text}"
+
+
+def merged(rows: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Return rows of which neighbours with the same cells after the first are one."""
+    groups = [list(group) for _, group in groupby(rows, key=lambda row: row[1:])]
+    return [
+        (" to ".join(dict.fromkeys((group[0][0], group[-1][0]))), *group[0][1:]) for group in groups
+    ]
 
 
 def _best(found: list[Measured], family: str, level: float) -> float:
