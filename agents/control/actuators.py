@@ -178,7 +178,7 @@ class Lead:
             return state
         share = np.clip((present - self.low) / self.range, 0.0, 1.0)
         nearest = np.rint(share * (GRID - 1)).astype(np.intp)
-        return np.einsum("nij,nj->ni", looked_up(self.transitions, nearest), state)
+        return np.einsum("nij,nj->ni", looked_up(self.transitions[None], nearest), state)
 
 
 Switching: TypeAlias = Literal["on-off", "continuous"]

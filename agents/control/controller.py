@@ -1,6 +1,7 @@
 """What every controller is: a function of its memory and of what it reads, over many lanes."""
 
 from abc import ABC, abstractmethod
+from math import prod
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -131,11 +132,11 @@ def chosen(lanes: NDArray[np.bool_], where: Array, elsewhere: Array) -> Array:
     return np.where(lanes.reshape(-1, *[1] * (where.ndim - 1)), where, elsewhere)
 
 
-def looked_up(table: Array, place: NDArray[np.intp]) -> Array:
-    """Return the rows (lanes, ...) of a table at some places (lanes,).
+def looked_up(tables: Array, place: NDArray[np.intp]) -> Array:
+    """Return the rows (lanes, ...) at places (lanes,) of tables (lanes, n, ...), or (1, n, ...).
 
     By a function that also takes what `agents.network.graph` follows, as an index does not.
     """
-    flat = table.reshape(1, len(table), -1)
-    rows = np.take_along_axis(flat, place[:, None, None], axis=1)
-    return rows.reshape(-1, *table.shape[1:])
+    _, count, *inner = tables.shape
+    flat = tables.reshape(-1, count, prod(inner))
+    return np.take_along_axis(flat, place[:, None, None], axis=1).reshape(-1, *inner)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import Info, Memory, Observation, Read
+from agents.control.controller import Info, Memory, Observation, Read, looked_up
 from agents.control.kalman_filter import UNMODELLED, design_filter, excited_system
 from agents.control.observed_actuators import ObservedActuators
 from agents.control.scene import drawn_but
@@ -61,17 +61,21 @@ class KalmanState(ObservedActuators):
         frame, step, estimate = self.frame.values(observation), memory["step"], memory["estimate"]
         memory = self._seen(memory, frame)
         point = self._nearest(memory["applied"])
-        missed = frame[:, self.columns] - np.einsum("npj,nj->np", self.c[point], estimate)
-        gain = self.filters[point, np.minimum(step, self.filters.shape[1] - 1)]
+        missed = frame[:, self.columns] - np.einsum(
+            "npj,nj->np", looked_up(self.c[None], point), estimate
+        )
+        steps = self.filters.shape[1]
+        place = point * steps + np.minimum(step, steps - 1)
+        gain = looked_up(self.filters.reshape(1, -1, *self.filters.shape[2:]), place)
         estimate = estimate + np.einsum("njp,np->nj", gain, missed)
         return estimate[:, :4], memory["applied"], {**memory, "estimate": estimate}
 
     def note(self, memory: Memory, action: Array) -> Memory:
         memory = super().note(memory, action)
         applied, point = memory["applied"], self._nearest(memory["applied"])
-        moved = np.einsum("nij,nj->ni", self.a[point], memory["estimate"])
-        moved += np.einsum("nik,nk->ni", self.b[point], applied[:, self.forces])
-        return {**memory, "estimate": moved}
+        moved = np.einsum("nij,nj->ni", looked_up(self.a[None], point), memory["estimate"])
+        pushed = np.einsum("nik,nk->ni", looked_up(self.b[None], point), applied[:, self.forces])
+        return {**memory, "estimate": moved + pushed}
 
     def _nearest(self, applied: Array) -> NDArray[np.intp]:
         if not self.tunes:

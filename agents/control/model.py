@@ -3,6 +3,7 @@
 from typing import cast
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from agents.control.actuators import Actuators
@@ -13,6 +14,10 @@ from mm_gym.arrays import Array
 
 AMPLE = 1e3
 """Force limit of the model over all that is known to push: a disturbance enters as a force."""
+
+TUNES = "stretch", "damping"  # actuators that change the plant
+
+TERMS, ROUND_OFF = 48, 1e-15  # of a series, and of its largest coefficients
 
 AMPLITUDE = "excitation.0.amplitude"
 HELD = {"kind": "harmonic", "amplitude": 0.0, "frequency": 0.0, "phase": 0.5 * np.pi}
@@ -134,11 +139,82 @@ class Model:
         return info["state"], rewards
 
 
+class LinearModel:
+    """A `Model` of a linear plant, by arithmetic alone, so that exports can follow it.
+
+    The transition over a step is a Chebyshev series in the stretch or damping that is tuned. Raise
+    `DesignError` if the plant is not linear, more than one actuator tunes it, or the series is
+    long.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        plant, actuators = plant_of(Model(scene).scene), Actuators(scene)
+        names = scene.actuation.names
+        self.forces = [k for k, name in enumerate(names) if name == "force"]
+        self.tuned = [k for k, name in enumerate(names) if name in TUNES]
+        if plant.kind not in {"linear", "parametric linear"} or len(self.tuned) > 1:
+            msg = f"model: got a {plant.kind} plant of {', '.join(names)}; allowed: a linear one"
+            raise DesignError(msg)
+        points: list[dict[str, float] | None] = [None]
+        for k in self.tuned:
+            field = {"stretch": "initial.stretch", "damping": str(scene.actuation.damped)}
+            self.middle, self.half = actuators.middle[k], actuators.half[k]
+            values = self.middle + self.half * chebyshev.chebpts1(TERMS)
+            points = [{field[names[k]]: float(value)} for value in values]
+        sampled = [
+            plant.state_space(["force"] * len(self.forces), [], sampled=True, at=at)
+            for at in points
+        ]
+        # (points, 4, 4 + forces): the transition, and what a force adds.
+        both = np.stack([np.hstack([one.A[:4, :4], one.B[:4]]) for one in sampled])
+        if self.tuned:
+            basis = chebyshev.chebvander(chebyshev.chebpts1(TERMS), TERMS - 1)
+            both = np.linalg.solve(basis, both.reshape(TERMS, -1)).reshape(both.shape)
+            sizes = np.abs(both).max(axis=0)
+            matter = (np.abs(both) > ROUND_OFF * sizes).any(axis=(1, 2)).nonzero()[0]
+            both = both[: matter[-1] + 1]
+            if len(both) == TERMS:
+                msg = f"model: {names[self.tuned[0]]}: too wide a range for a series"
+                raise DesignError(msg)
+        self.series, self.own_rows = both, ()
+
+    def at_rest(self, lanes: int) -> Array:
+        """Return no states of an interface (lanes, 0)."""
+        return np.zeros((lanes, 0))
+
+    def begin(self, state: Array, own: Array) -> None:
+        """Begin with states (lanes, 4)."""
+        self.state, self.own = state, own
+
+    def advance(self, applied: Array) -> tuple[Array, None]:
+        """Return the states (lanes, 4) after a control step, and no rewards."""
+        known = np.concatenate([self.state, applied[:, self.forces]], 1)
+        if not self.tuned:
+            self.state = known @ self.series[0].T
+            return self.state, None
+        at = (applied[:, self.tuned[0]] - self.middle) / self.half
+        terms = [np.ones_like(at), at]
+        while len(terms) < len(self.series):
+            terms.append(2.0 * at * terms[-1] - terms[-2])
+        rows = np.column_stack(terms) @ self.series.reshape(len(terms), -1)
+        matrices = rows.reshape(-1, *self.series.shape[1:])
+        self.state = np.einsum("nij,nj->ni", matrices, known)
+        return self.state, None
+
+
+def model_of(scene: Scene) -> Model | LinearModel:
+    """Return the linear model of a scene where there is one: it makes no rewards."""
+    try:
+        return LinearModel(scene)
+    except DesignError:
+        return Model(scene)
+
+
 class Innovation:
     """By how much the motion differs from what the model predicts for the last control step."""
 
     def __init__(self, scene: Scene) -> None:
-        self.model = Model(scene)
+        self.model = model_of(scene)
 
     def begin(self, lanes: int) -> Memory:
         return {

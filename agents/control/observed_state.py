@@ -4,9 +4,17 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.controller import Info, Memory, Observation, Read, StateSource, chosen
+from agents.control.controller import (
+    Info,
+    Memory,
+    Observation,
+    Read,
+    StateSource,
+    chosen,
+    looked_up,
+)
 from agents.control.kalman_state import KalmanState
-from agents.control.model import Model, covariance, state_scales
+from agents.control.model import covariance, model_of, state_scales
 from agents.control.observed_actuators import ObservedActuators
 from agents.control.scene import plant_of
 from mm_gym import DesignError, Scene
@@ -52,7 +60,7 @@ class ObservedState(ObservedActuators):
         self.exact = bool(whole and not (noise.any() or wrong or self.is_weighed))
         self.inverse = np.linalg.pinv(self.c)
         self.gains = self.inverse[None] if self.exact else self._gains()
-        self.model = Model(scene) if self.delays[-1] > 0 or not self.exact else None
+        self.model = model_of(scene) if self.delays[-1] > 0 or not self.exact else None
 
     def begin(self, lanes: int) -> Memory:
         """Begin before the first frame.
@@ -82,7 +90,7 @@ class ObservedState(ObservedActuators):
         if (step == 0).any():
             estimate = chosen(step == 0, shown @ self.inverse.T, estimate)
         predicted, later = estimate, step > delay
-        applied = memory["pending"][np.arange(len(step)), self.delays[-1] - delay]
+        applied = looked_up(memory["pending"], self.delays[-1] - delay)
         nearest = self._nearest(applied)
         if later.any():
             moved, moved_own = self._predicted(estimate, own, applied)
@@ -118,7 +126,7 @@ class ObservedState(ObservedActuators):
         if self.exact:
             return shown @ self.gains[0].T
         missed = shown - predicted @ self.c.T
-        return predicted + np.einsum("nij,nj->ni", self.gains[nearest], missed)
+        return predicted + np.einsum("nij,nj->ni", looked_up(self.gains[None], nearest), missed)
 
     def _present(self, memory: Memory, late: NDArray[np.int64]) -> Array:
         """Return the state now: the newest frame's, moved on by what was applied since.
@@ -130,10 +138,10 @@ class ObservedState(ObservedActuators):
         if not late.any():
             return present
         self.model.begin(present, memory["own"])
-        lanes, first = np.arange(len(late)), pending.shape[1] - late
-        for moved in range(late.max()):
-            applied = pending[lanes, np.minimum(first + moved, pending.shape[1] - 1)]
-            state, _ = self.model.advance(applied)
+        first = pending.shape[1] - late
+        for moved in range(self.delays[-1]):
+            place = np.minimum(first + moved, pending.shape[1] - 1)
+            state, _ = self.model.advance(looked_up(pending, place))
             present = chosen(late == moved + 1, state, present)
         return present
 

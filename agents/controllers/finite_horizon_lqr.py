@@ -56,7 +56,7 @@ class FiniteHorizonLQR(Law):
 
     def action(self, memory: Memory, state: Array, applied: Array) -> Acted:
         step = memory["step"]
-        gain = looked_up(self.gains[:, None], np.minimum(step, len(self.gains) - 1))
+        gain = looked_up(self.gains[None, :, None], np.minimum(step, len(self.gains) - 1))
         force = np.einsum("lij,lj->li", gain, state[:, self.states])
         return -force / self.limit, {"step": step + 1}
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from agents.control.controller import Acted, Memory, chosen, joined, part
+from agents.control.controller import Acted, Memory, chosen, joined, looked_up, part
 from agents.control.model import (
     ORDER,
     ForceObserver,
@@ -169,8 +169,8 @@ class ExcitationFilter:
         """Return the memory; its "state" (lanes, rows) is that of the filters, estimated."""
         missed, known, own = self.innovation.missed(part(memory, "innovation"), state, applied)
         step, last = np.minimum(memory["step"], len(self.gains) - 1), memory["state"]
-        moved = np.einsum("lij,lj->li", self.kept[step], last)
-        moved += np.einsum("lij,lj->li", self.gains[step], missed)
+        moved = np.einsum("lij,lj->li", looked_up(self.kept[None], step), last)
+        moved = moved + np.einsum("lij,lj->li", looked_up(self.gains[None], step), missed)
         return {
             **joined(innovation=own),
             "step": memory["step"] + known,

@@ -36,7 +36,7 @@ class Schedule:
     def action(self, stiffness: Array, state: Array) -> Array:
         total = np.zeros(len(state))
         for gains, values in zip(self.gains.T, state.T, strict=True):
-            total -= np.interp(stiffness, self.stiffnesses, gains) * values
+            total = total - np.interp(stiffness, self.stiffnesses, gains) * values
         return total[:, None]
 
 

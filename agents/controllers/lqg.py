@@ -231,7 +231,7 @@ class LQG(Controller):
     def corrected(self, memory: Memory, observation: Observation) -> Memory:
         """Return the memory with the estimate corrected by what is observed."""
         step, filters = memory["step"], self.design.filters
-        gain = looked_up(filters, np.minimum(step, len(filters) - 1))
+        gain = looked_up(filters[None], np.minimum(step, len(filters) - 1))
         change = np.einsum("lnp,lp->ln", gain, self.missed(memory, observation))
         return {**memory, "step": step + 1, "estimate": memory["estimate"] + change}
 

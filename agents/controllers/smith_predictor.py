@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from agents.control.controller import Acted, Info, Memory, Observation, Read
+from agents.control.controller import Acted, Info, Memory, Observation, Read, looked_up
 from agents.control.feedback import Feedback
-from agents.control.model import Model
+from agents.control.model import model_of
 from agents.control.observed_state import ObservedState, observed_state
 from agents.control.scene import plant_of
 from agents.controllers.lqr import LQR
@@ -26,7 +26,7 @@ class SmithPredictor(ObservedState):
 
     def __init__(self, scene: Scene, delays: range | None = None) -> None:
         super().__init__(scene, delays)
-        self.plant = Model(scene)
+        self.plant = model_of(scene)
 
     def begin(self, lanes: int) -> Memory:
         moved = np.zeros((lanes, self.delays[-1] + 1, 4))
@@ -36,7 +36,7 @@ class SmithPredictor(ObservedState):
         late = np.minimum(memory["step"], self._delay(memory))
         _, applied, memory = super().read(memory, observation, info)
         moved = memory["moved"]
-        then = moved[np.arange(len(moved)), self.delays[-1] - late]
+        then = looked_up(moved, self.delays[-1] - late)
         return moved[:, -1] + memory["estimate"] - then, applied, memory
 
     def note(self, memory: Memory, action: Array) -> Memory:

@@ -16,8 +16,8 @@ from mm_gym.errors import refuse
 LANES, STEPS = 20, 200  # of the episodes on which a policy is compared with its controller
 
 CLOSE, ALIKE = 1e-6, 0.99
-"""Largest difference of actions that are the same, and the least share of these: rounding may turn
-a switch round."""
+"""Largest difference of numbers that are the same, and the least share of steps with such alone:
+rounding may turn a switch round."""
 
 ALLOWED = (
     "one that makes its action of observations and of what it remembers by NumPy's arithmetic, "
@@ -35,24 +35,24 @@ def controller_policy(controller: Controller, scene: Scene, name: str) -> Policy
     env = MovingMassVectorEnv(scene.replace(**ENDLESS), LANES)
     env.reset(seed=0)
     try:
-        policy = _followed(controller, env)
+        policy, kept = _followed(controller, env)
     except (TypeError, ValueError, LookupError, AttributeError) as error:
         msg = f"controller: got {name!r}; allowed for an export: {ALLOWED} ({error})"
         raise SceneError(msg) from error
-    share = _alike(controller, policy, env, min(STEPS, scene.control.steps))
+    share = _alike(controller, policy, kept, env, min(STEPS, scene.control.steps))
     if share < ALIKE:
         told = f"{name!r}, which acts otherwise than its arithmetic in {1.0 - share:.0%} of steps"
         refuse("controller", told, ALLOWED)
     return policy
 
 
-def _followed(controller: Controller, env: MovingMassVectorEnv) -> Policy:
-    """Return what a controller computes in a step, noted while it does so.
+def _followed(controller: Controller, env: MovingMassVectorEnv) -> tuple[Policy, list[str]]:
+    """Return what a controller computes in a step, noted while it does so, and what it remembers.
 
     What it remembers is told from what an episode begins with, so that it is 0 there; what its
     actions never depend on is left out.
     """
-    begun = {key: array[:1] for key, array in controller.begin(env).items()}
+    begun = {key: 1.0 * array[:1] for key, array in controller.begin(env).items()}
     widths = {key: prod(array.shape[1:]) for key, array in begun.items()}
     observed, kept = env.single_observation_space.shape[0], list(begun)
     while True:
@@ -74,17 +74,33 @@ def _followed(controller: Controller, env: MovingMassVectorEnv) -> Policy:
             if used == (used := [key for key in kept if parts[key].made_by in needed]):
                 break
         if used == kept:
-            return Policy.of_graph(graph)
+            return Policy.of_graph(graph), kept
         kept = used
 
 
-def _alike(controller: Controller, policy: Policy, env: MovingMassVectorEnv, steps: int) -> float:
-    """Return the share of actions that are the controller's, in episodes that it controls."""
+def _alike(
+    controller: Controller,
+    policy: Policy,
+    kept: list[str],
+    env: MovingMassVectorEnv,
+    steps: int,
+) -> float:
+    """Return the share of steps that are alike, in episodes that the controller controls.
+
+    Each begins with what the controller remembers: small differences grow where laws switch.
+    """
     observation, _ = env.reset(seed=1)
-    memory, known = controller.begin(env), policy.begin(LANES)
+    begun = memory = controller.begin(env)
+
+    def told() -> Array:
+        parts = [(1.0 * memory[key] - begun[key]).reshape(LANES, -1) for key in kept]
+        return np.concatenate([np.empty((LANES, 0)), *parts], 1)
+
     differences: list[Array] = []
     for _ in range(steps):
+        found = np.concatenate(policy.step(observation, told()), 1)
         action, memory = controller.act(memory, observation, {})
-        differences.append(np.abs(policy.act(observation, known) - action))
+        wanted = np.concatenate([action, told()], 1)
+        differences.append((np.abs(found - wanted) / (1.0 + np.abs(wanted))).max(axis=1))
         observation, *_ = env.step(action)
     return float(np.mean(np.array(differences) < CLOSE))

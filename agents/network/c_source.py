@@ -64,7 +64,8 @@ TEMPLATE = Environment(  # noqa: S701 - it is no HTML
     keep_trailing_newline=True,
 ).get_template("policy.c.jinja")
 
-LARGEST = float(np.finfo(np.float32).max)  # what is beyond it limits nothing
+LEAST, LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+"""Positive numbers in single precision."""
 
 CALLS = 200_000  # of a measurement
 
@@ -184,7 +185,9 @@ def _loop(width: int) -> str:
 
 
 def _literal(value: float) -> str:
-    if abs(value) > LARGEST:
+    if 0.0 < value < LEAST:  # it keeps numbers from 0
+        return f"(sizeof(REAL) == sizeof(float) ? (REAL){LEAST} : (REAL){float(value)!r})"
+    if abs(value) > LARGEST:  # it limits nothing
         return f"{'-' if value < 0.0 else ''}(REAL)INFINITY"
     return f"(REAL){float(value)!r}" if value >= 0.0 else f"(-(REAL){-float(value)!r})"
 

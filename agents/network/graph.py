@@ -114,6 +114,8 @@ class Signal(NDArrayOperatorsMixin):
             first, last, _ = columns.indices(size)
             return self._slice(first, max(last - first, 0))
         chosen = np.arange(size)[columns if isinstance(columns, slice) else list(columns)]
+        if not chosen.size:
+            return self.graph.add("concatenate", [], 0)
         if (np.diff(chosen) == 1).all():
             return self._slice(int(chosen[0]), len(chosen))
         return np.concatenate([self._slice(int(k), 1) for k in chosen], 1)
@@ -190,14 +192,25 @@ def _without_nan(_: Graph, given: Signal, nan: float = 0.0) -> Signal:
     return np.where(given == given, np.clip(given, ends.min, ends.max), nan)  # noqa: PLR0124 - not of NaN
 
 
-def _row(graph: Graph, table: Array, place: Signal, axis: int) -> Signal:
-    (_, _, width), is_single = table.shape, place.inner == (1, 1)
-    if axis != 1 or len(table) != 1 or not is_single:
+def _row(graph: Graph, table: Signal | Array, place: Signal, axis: int) -> Signal:
+    count, width = table.shape[1:]
+    if axis != 1 or place.shape[1:] != (1, 1) or len(table) != 1:
         _refuse("np.take_along_axis", "that of agents.control.controller.looked_up")
+    if isinstance(table, Signal):
+        found = table[:, 0]
+        for k in range(1, count):
+            found = np.where(place[:, 0] == k, table[:, k], found)
+        return found[:, None]
     rows = table[0]
     changes = (rows.astype(np.float32) != rows[-1].astype(np.float32)).any(axis=1)
     rows = rows[: len(rows) - np.argmax([*changes[::-1], True]) + 1]  # the others are as the last
     return graph.add(TABLE, [place, rows], width).reshape(-1, 1, width)
+
+
+def _between(_: Graph, at: Signal, points: Array, values: Array) -> Signal:
+    """Return what a polyline has: its first value, and in each piece the slope times the way."""
+    way = np.clip(at[:, None], points[:-1], points[1:]) - points[:-1]
+    return way @ (np.diff(values) / np.diff(points)) + values[0]
 
 
 def _einsum(graph: Graph, pattern: str, matrix: Signal, vector: Signal) -> Signal:
@@ -205,6 +218,8 @@ def _einsum(graph: Graph, pattern: str, matrix: Signal, vector: Signal) -> Signa
     (one, other), made = (part.split(",") if "," in part else part for part in pattern.split("->"))
     if len(one) != 3 or other != one[0] + one[2] or made != one[:2]:  # noqa: PLR2004 - indices
         _refuse(f"np.einsum({pattern!r})", "nij,nj->ni")
+    if not isinstance(matrix, Signal):
+        return vector @ matrix[0].T
     return graph.add(TURNED, [matrix, vector], matrix.inner[0])
 
 
@@ -219,6 +234,7 @@ FOLLOWED: dict[Callable[..., Any], Callable[..., Any]] = {
     np.where: lambda graph, *given: graph.each(CHOICE, *given),
     np.nan_to_num: _without_nan,
     np.take_along_axis: _row,
+    np.interp: _between,
     np.einsum: _einsum,
 }
 
@@ -252,6 +268,10 @@ class Graph:
         given = tuple(
             one if isinstance(one, Signal) else np.asarray(one, np.float64) for one in given
         )
+        given = tuple(
+            one if isinstance(one, Signal) or not np.isnan(one).any() else self._no_number(one)
+            for one in given
+        )
         shapes = [(1, *one.inner) if isinstance(one, Signal) else one.shape for one in given]
         lanes, *inner = np.broadcast_shapes(*shapes)
         width = prod(inner)
@@ -280,6 +300,12 @@ class Graph:
         any_number = self.inputs["observation"][:, :1]
         made = self.each(CHOICE, any_number, flat, flat)
         return made.reshape(-1, *np.shape(given)[1:])
+
+    def _no_number(self, given: Array) -> Signal:
+        """Return NaN, which is no constant of a file."""
+        if given.size > 1:
+            _refuse("NaN among numbers", "a single NaN")
+        return self.inputs["observation"][:, 0] * 0.0 / 0.0
 
     def joined(self, parts: Sequence[Signal | Array]) -> Signal:
         """Return signals (lanes, n) and constants (1, n) side by side."""

@@ -93,7 +93,8 @@ def held_against_itself(controller, scene, folder, *, steps=100, atol=1e-7):
     loaded = load_policy(folder / "it.safetensors")
     np.testing.assert_array_equal(in_numpy(loaded, episodes), in_numpy(policy, episodes))
     np.testing.assert_allclose(in_c(policy, episodes, folder), wanted, rtol=0.0, atol=atol)
-    np.testing.assert_allclose(in_onnx(policy, episodes), wanted, rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(in_onnx(policy, episodes), wanted, rtol=0.0, atol=10.0 * atol)
+    in_c(policy, episodes, folder, "float")  # compiles without a warning
     return policy
 
 
@@ -104,7 +105,12 @@ CONTROLLERS = [
     ("CarriageForceDuffing", "feedback-linearisation"),
     ("CarriageForceDuffing", "h-infinity"),
     ("CarriageForceFriction", "inertial-drive"),
+    ("CarriageForceDuffing", "gain-scheduled-lqr"),
     ("PreStretch", "extremum-seeking"),
+    ("PreStretch", "frequency-locked-loop"),
+    ("PreStretch", "linear-prediction"),
+    ("SemiActiveDamper", "skyhook-continuous"),
+    ("SemiActiveDamper", "clipped-optimal-on-off"),
     ("PreStretchShock", "weighted-clipped-lqr"),
     ("PreStretchShock", "resetting-stiffness"),
     ("ActiveMassDamper", "weighted-lqg"),
@@ -116,7 +122,9 @@ CONTROLLERS = [
 def test_controller_acts_alike_wherever_it_is_exported_to(task, name, tmp_path):
     pytest.importorskip("onnxruntime")
     scene = scene_of(task)
-    held_against_itself(base_controller(scene, name), scene, tmp_path)
+    # ONNX runtimes have the inverse cosine in single precision alone.
+    atol = 1e-6 if name == "linear-prediction" else 1e-7
+    held_against_itself(base_controller(scene, name), scene, tmp_path, atol=atol)
 
 
 def test_lqg_keeps_the_gains_of_the_start_and_begins_at_the_mean(tmp_path):
@@ -180,7 +188,7 @@ class Everything(Law):
     def action(self, memory, state, applied):
         x1, x2, v1, v2 = state.T
         place = np.rint(np.clip(np.abs(v1) * 20.0, 0.0, 3.0)).astype(np.intp)
-        row = looked_up(self.table, place)
+        row = looked_up(self.table[None], place)
         both = np.column_stack([x1 - x2, np.nan_to_num(v1 / (v2 - v2), nan=0.1)])
         turned = np.einsum("nij,nj->ni", memory["matrix"], np.clip(both, -1.0, 1.0))
         calm = (np.abs(v1) < 0.01) & ~memory["is_first"] | np.isnan(x1 / x1)

@@ -6,7 +6,7 @@ from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH, 
 
 from agents.control.actuators import Actuators
 from agents.control.feedback import Feedback, TrueState
-from agents.control.model import Innovation, Model
+from agents.control.model import Innovation, LinearModel, Model, model_of
 from agents.control.observed_state import ObservedDelay, ObservedState, observed_state
 from agents.controllers.constant import no_control
 from agents.controllers.lqr import LQR
@@ -272,3 +272,45 @@ def test_finding_the_delay_is_better_than_its_middle() -> None:
     )
     assert isinstance(observed_state(scene), ObservedDelay)
     assert found < 0.9 * middle
+
+
+WIDE = {"minimum": 1.0, "maximum": 4.0}
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        PRE_STRETCH,
+        HYBRID,
+        PRE_STRETCH.replace(**{"actuation.stretch": WIDE, "control.time_step": 0.02}),
+        load_scene("mm_gym/SemiActiveDamper-v0"),
+        load_scene("mm_gym/ActiveMassDamper-v0"),  # a force between the masses
+        CARRIAGE_FORCE.replace(randomization={"carriage.mass": (0.1, 0.2)}),
+        CARRIAGE_FORCE,
+    ],
+)
+def test_arithmetic_of_a_linear_model_moves_as_the_engine(scene):
+    generator, lanes, actuators = np.random.default_rng(0), 50, Actuators(scene)
+    span = actuators.high - actuators.low
+    state = generator.standard_normal((lanes, 4)) * [0.01, 0.01, 0.3, 0.3]
+    linear, engine = LinearModel(scene), Model(scene)
+    linear.begin(state, linear.at_rest(lanes))
+    engine.begin(state)
+    for _ in range(5):
+        applied = actuators.low + span * generator.uniform(size=(lanes, len(span)))
+        moved, wanted = linear.advance(applied)[0], engine.advance(applied)[0]
+        # Round-off of the sums, over the size of the motion.
+        bound = 1e-13 * np.abs(wanted).max(axis=0)
+        assert (np.abs(moved - wanted) < bound).all()
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        CARRIAGE_FORCE_FRICTION,
+        CARRIAGE_FORCE.replace(**{"carriage.cubic_coefficient": 1e3}),
+        HYBRID.replace(**{"actuation.damping": {"minimum": 0.1, "maximum": 1.0}}),
+    ],
+)
+def test_other_plants_are_left_to_the_engine(scene):
+    assert isinstance(model_of(scene), Model)
