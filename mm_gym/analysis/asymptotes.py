@@ -19,7 +19,7 @@ from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 from mm_gym.law.carriage_spring import carriage_energy, carriage_force
 from mm_gym.plant.compile import compile_scene
-from mm_gym.plant.support_of import support_of
+from mm_gym.plant.support_of import lane_of, support_of
 from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.scene.scene import Scene, require_scene
 from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
@@ -130,10 +130,7 @@ def row_of(scene: Scene, what: str) -> Array:
             f"'dry_friction' and springs without cubic_coefficient, for which {what} is known"
         )
         raise SceneError(msg)
-    row = support.start_low.copy()
-    row[layout.X2] += row[layout.X1]
-    plain(dry_friction.write_regimes)(row[:, None], 0, 1)
-    return row
+    return lane_of(support)
 
 
 def asymptotic_offset(scene: Scene) -> float:

@@ -6,8 +6,11 @@ import math
 
 import numpy as np
 
+from mm_gym.arrays import Array
+from mm_gym.compiler.jit import plain
 from mm_gym.excitation.sources import LONGEST_TURN
 from mm_gym.lanes import layout
+from mm_gym.law.dry_friction import write_regimes
 from mm_gym.law.hardening_springs import CUBIC
 from mm_gym.law.interface import LINE, Interface
 from mm_gym.law.springs import LINEAR
@@ -127,6 +130,14 @@ def support_of(scene: Scene) -> Support:
         actuator_rows=instruments.actuators,
         device=next((n for n in ("damping", "voltage") if n in scene.actuation.names), ""),
     )
+
+
+def lane_of(support: Support) -> Array:
+    """Return the lane (rows,) that begins at the lower end of every range."""
+    row = support.start_low.copy()
+    row[layout.X2] += row[layout.X1]
+    plain(write_regimes)(row[:, None], 0, 1)
+    return row
 
 
 def _interface(scene: Scene) -> Interface:

@@ -170,8 +170,8 @@ def compare(
         ground = np.column_stack([ground.times, ground.values])
     samples = checked_motion(ground)
     time = _instants(reduction, samples, duration)
-    model = FullModel(reduction, scene, action)
     still = scene.replace(excitation=[])
+    model = FullModel(reduction, still, action)
     short = reduction.simulate(still, samples, times=time, action=action)
     whole = model.motion(time, samples)
     x1, x2 = short.state[:, 0], short.state[:, 1]

@@ -9,7 +9,6 @@ it has one. Displacements are relative to the ground.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -21,10 +20,12 @@ from scipy.linalg import expm
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import SimulationError, StructureError, check_name
-from mm_gym.law import INTERFACES, dry_friction, springs
+from mm_gym.errors import SimulationError, StructureError
+from mm_gym.lanes import layout
+from mm_gym.law import springs
+from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.interface import MOST_STATES
-from mm_gym.scene.mechanics import GRAVITY
+from mm_gym.plant.support_of import lane_of, support_of
 
 if TYPE_CHECKING:
     from mm_gym.scene.actuators import Actuator
@@ -39,6 +40,10 @@ out, which is some percent."""
 MOST_EVALUATIONS = 3_000_000  # of the rates of a nonlinear device: some minutes
 SAME_TIME = 1e-12  # difference of two instants, relative to the last, that is round-off
 DIGITS = 12  # steps of a linear motion that agree to as many digits share a transition matrix
+
+SPRINGS = [layout.K0, layout.L0, layout.STRETCH]
+LINE = [layout.C, layout.VR, layout.KINETIC_FORCE, layout.CHI]
+"""Rows of a lane that `spring_force` and `interface_force` take."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,7 @@ class FullModel:
         return Motion(q, states[:, n] - q[:, j], -(resisting @ self.by_mass)[:, j])
 
     def _start(self) -> Array:
-        (x1, x2, v1, v2), shape = self.device.initial, self.reduction.shape
+        (x1, x2, v1, v2), shape = self.device.lane[:4], self.reduction.shape
         own = np.zeros(self.device.states)
         return np.concatenate([shape * x1, [x2], shape * v1, [v2], own])
 
@@ -222,7 +227,7 @@ class Control:
         if force is not None:
             self.driven.append(Driven(0, force, -force.limit, force.limit))
         if damping is not None:
-            self.own[1] = _value(scene, "damping")
+            self.own[1] = scene.value_of("interface.damping")
             self.driven.append(Driven(1, damping, damping.minimum, damping.maximum))
         self.present = self.own.copy()
 
@@ -278,78 +283,37 @@ class Driven(NamedTuple):
 class Device:
     """The force that a scene's interface and springs exert on the carriage.
 
-    It has `initial` (4,) x1, x2 [m], v1, v2 [m/s] at the start, and so many `states` of its own.
+    It has a `lane` (rows,) with the state at the start, and so many `states` of its own.
     """
 
     def __init__(self, scene: Scene) -> None:
-        start, pair, interface = scene.initial, scene.springs, scene.interface
-        x1, v1 = cast("float", start.carriage_displacement), cast("float", start.carriage_velocity)
-        offset, v2 = cast("float", start.sphere_offset), cast("float", start.sphere_velocity)
-        self.initial = np.array([x1, x1 + offset, v1, v2])
-        known = ("none", "viscous", "dry_friction", *INTERFACES)
-        check_name("interface.kind", interface.kind, known, StructureError)
-        known = ("none", "linear", "small_on_large", "finite_stretch")
-        check_name("springs.kind", pair.kind, known, StructureError)
-        self._springs, self._cubic = _springs_of(scene)
-        smooth = interface.kind in ("none", "viscous") and self._cubic == 0.0
-        self.is_linear = smooth and pair.kind != "finite_stretch"
-        self._spring_force = plain(springs.spring_force)
-        one = INTERFACES.get(interface.kind)
-        self.states = 0 if one is None else len(one.states)
-        self._force = _line(scene) if one is None else plain(one.force)
-        self._rates = None if one is None else plain(one.rates)
-        self._own = [] if one is None else [_value(scene, name) for name in one.parameters]
+        support = support_of(scene)
+        self.lane, one = lane_of(support), support.interface
+        self.states, self.is_general = len(one.states), support.is_general
+        nonlinear = self.is_general or support.slips or self.lane[layout.L0] > 0.0
+        self.is_linear = not nonlinear
+        own = list(support.interface_rows) if self.is_general else list(LINE)
+        self._springs, self._own = self.lane[SPRINGS].tolist(), self.lane[own].tolist()
+        self._spring_force, self._force, self._rates = map(
+            plain,
+            (springs.spring_force, one.force if self.is_general else interface_force, one.rates),
+        )
 
     def force(self, offset: float, slip: float, own: Array) -> float:
         """Return the force [N] at an offset [m], a slip velocity [m/s] and own states (states,)."""
-        pair = self._spring_force(*self._springs, offset) * (1.0 + self._cubic * offset**2)
-        return pair + self._force(self._own, offset, slip, _pair(own))
+        pair = self._spring_force(*self._springs, offset)
+        if self.is_general:
+            return pair + self._force(self._own, offset, slip, _pair(own))
+        return pair + self._force(*self._own, slip)
 
     def rates(self, offset: float, slip: float, own: Array) -> Array:
         """Return the rates of the own states, (states,)."""
-        if self._rates is None:
-            return np.empty(0)
         return np.array(self._rates(self._own, offset, slip, _pair(own))[: self.states])
 
 
 def _pair(own: Array) -> tuple[float, ...]:
     """Return own states as an interface takes them."""
     return (*own, *[0.0] * MOST_STATES)[:MOST_STATES]
-
-
-def _springs_of(scene: Scene) -> tuple[tuple[float, float, float], float]:
-    """Return k0 [N/m], l0 [m] and stretch of the springs, and their cubic coefficient [1/m^2]."""
-    pair, start = scene.springs, scene.initial.stretch
-    if pair.kind == "none":
-        return (0.0, 0.0, 1.0), 0.0
-    if pair.kind == "linear":
-        return (pair.stiffness, 0.0, springs.LINEAR), pair.cubic_coefficient
-    length = pair.rest_length if pair.kind == "finite_stretch" else 0.0
-    return (pair.stiffness, length, pair.stretch if start is None else cast("float", start)), 0.0
-
-
-def _value(scene: Scene, name: str) -> float:
-    """Return a field of the interface; the normal force is the weight unless it is given."""
-    value = getattr(scene.interface, name)
-    return scene.sphere.mass * GRAVITY if value is None else value
-
-
-def _line(scene: Scene) -> Callable[..., float]:
-    """Return the force of an interface that is a line in each regime."""
-    interface, law = scene.interface, plain(dry_friction.interface_force)
-    slope, vr, kinetic, chi = 0.0, 0.0, 0.0, 0.0
-    if interface.kind == "viscous":
-        slope = interface.damping
-    elif interface.kind == "dry_friction":
-        normal, vr = _value(scene, "normal_force"), interface.reference_velocity
-        slope = plain(dry_friction.stick_slope)(interface.static_coefficient, normal, vr)
-        kinetic = plain(dry_friction.kinetic_force)(interface.kinetic_coefficient, normal)
-        chi = interface.slip_damping
-
-    def force(_own: object, _offset: float, slip: float, _states: object) -> float:
-        return law(slope, vr, kinetic, chi, slip)
-
-    return force
 
 
 def _stops(times: Array, corners: Array) -> Array:
