@@ -97,7 +97,7 @@ def simulate(
     if callable(action):
         _follow_policy(lanes, action, recording)
     else:
-        run(lanes, _commands(plant, action, steps, start), recording, 0)
+        run(lanes, commands_of(plant, action, steps, start), recording, 0)
     place = locate(recording, instants)
     state = states_at(recording, place)
     _check_finite(instants, state, start)
@@ -162,7 +162,7 @@ def no_commands(plant: Plant, steps: int, start: Array) -> Array:
     return commands
 
 
-def _commands(plant: Plant, action: ArrayLike | None, steps: int, start: Array) -> Array:
+def commands_of(plant: Plant, action: ArrayLike | None, steps: int, start: Array) -> Array:
     """Return the commands (steps, 2 or 3) of `recording.run`, constant where not actuated."""
     commands = no_commands(plant, steps, start)
     if action is None:
@@ -196,7 +196,7 @@ def _follow_policy(lanes: Lanes, policy: Policy, recording: Recording) -> None:
     for first in range(0, len(recording.starts), many):
         now, state = first // many * plant.time_step, recording.states[first, :4].copy()
         wanted = finite_numbers("action", policy(now, state), ActionError)
-        run(lanes, _commands(plant, wanted, 1, lanes.values[:, 0]), recording, first)
+        run(lanes, commands_of(plant, wanted, 1, lanes.values[:, 0]), recording, first)
 
 
 def shaken(scene: Scene, motion: ArrayLike) -> Plant:

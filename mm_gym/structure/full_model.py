@@ -1,4 +1,4 @@
-"""The whole structure with the device on it, integrated without the kernels of mm_gym.
+"""The whole structure with the device on it, integrated without the methods of mm_gym.
 
 The state is q (n), x2, their velocities in the same order, and the interface's own states last, if
 it has one. Displacements are relative to the ground.
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import count
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,10 +25,12 @@ from mm_gym.lanes import layout
 from mm_gym.law import springs
 from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.interface import MOST_STATES
+from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.support_of import lane_of, support_of
+from mm_gym.simulation.simulate import commands_of
+from mm_gym.step.task import steer
 
 if TYPE_CHECKING:
-    from mm_gym.scene.actuators import Actuator
     from mm_gym.scene.scene import Scene
     from mm_gym.simulation.simulate import Policy
     from mm_gym.structure.structure import Reduction
@@ -42,8 +44,9 @@ SAME_TIME = 1e-12  # difference of two instants, relative to the last, that is r
 DIGITS = 12  # steps of a linear motion that agree to as many digits share a transition matrix
 
 SPRINGS = [layout.K0, layout.L0, layout.STRETCH]
+HELD = [layout.FORCE, layout.DAMPING]
 LINE = [layout.C, layout.VR, layout.KINETIC_FORCE, layout.CHI]
-"""Rows of a lane that `spring_force` and `interface_force` take."""
+"""Rows of a lane: what `spring_force` takes, what actuators hold, what `interface_force` takes."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class FullModel:
         self.push = np.append(self.by_mass[:, self.place], 0.0)
         if scene.actuation.is_between:
             self.push[-1] = -1.0 / self.m2
-        self.control = None if action is None else Control(scene, action)
+        self.control = None if action is None else Control(scene, action, self.device.lane)
         if self.control is not None and not self.device.is_linear:
             msg = "action: the device is not linear; allowed: None"
             raise StructureError(msg)
@@ -201,12 +204,14 @@ class FullModel:
 
 
 class Control:
-    """What force and damping actuators hold in each control step, without the kernels of mm_gym.
+    """What force and damping actuators hold in each control step.
 
     Parameters
     ----------
     scene, action
         As of `FullModel`. The action has passed `mm_gym.simulate`, which checks its shape.
+    lane
+        (rows,) at the start.
 
     Raises
     ------
@@ -214,22 +219,14 @@ class Control:
         If the stretch or the carriage's damping is actuated.
     """
 
-    def __init__(self, scene: Scene, action: ArrayLike | Policy) -> None:
-        actuation = scene.actuation
-        force, damping = actuation.force, actuation.damping
-        others = [name for name in actuation.names if name not in ("force", "damping")]
-        if others or actuation.damped == "carriage.damping":
+    def __init__(self, scene: Scene, action: ArrayLike | Policy, lane: Array) -> None:
+        others = [name for name in scene.actuation.names if name not in ("force", "damping")]
+        if others or scene.actuation.damped == "carriage.damping":
             name = (*others, "damping")[0]
             msg = f"actuation.{name}: allowed with an action: a force, the interface's damping"
             raise StructureError(msg)
+        self.plant, self.lane, self.own = compile_scene(scene), lane[:, None].copy(), lane[HELD]
         self.step, self.action, self.next = scene.control.time_step, action, 0
-        self.own, self.driven = np.zeros(2), list[Driven]()
-        if force is not None:
-            self.driven.append(Driven(0, force, -force.limit, force.limit))
-        if damping is not None:
-            self.own[1] = scene.value_of("interface.damping")
-            self.driven.append(Driven(1, damping, damping.minimum, damping.maximum))
-        self.present = self.own.copy()
 
     def starts(self, end: float) -> Array:
         """Return the starts [s] of the control steps until an end [s]."""
@@ -246,38 +243,17 @@ class Control:
             (4,) x1, x2 [m], v1, v2 [m/s] of the device and its degree of freedom.
         """
         if time >= self.next * self.step * (1.0 - SAME_TIME):
-            wanted = np.atleast_1d(np.asarray(self._command(state), np.float64))
-            for driven, value in zip(self.driven, wanted, strict=True):
-                present = float(self.present[driven.place])
-                self.present[driven.place] = driven.reached(present, float(value), self.step)
+            wanted = commands_of(self.plant, self._command(state), 1, self.lane[:, 0])
+            plain(steer)(self.plant.task, self.lane, wanted[0])
             self.next += 1
-        return self.present - self.own
+        return self.lane[HELD, 0] - self.own
 
     def _command(self, state: Array) -> ArrayLike:
         if callable(self.action):
             return self.action(self.next * self.step, state)
         given = np.asarray(self.action, np.float64)
-        k = len(self.driven)
+        k = len(self.plant.actuators)
         return given if given.shape in ((), (k,)) else given.reshape(-1, k)[self.next]
-
-
-class Driven(NamedTuple):
-    """An actuator, its place among force and damping, and its limits [N] or [N s/m]."""
-
-    place: int
-    part: Actuator
-    low: float
-    high: float
-
-    def reached(self, present: float, wanted: float, step: float) -> float:
-        """Return what it reaches in a control step [s]: of its limits, its lag, its rate."""
-        part, aim = self.part, min(max(wanted, self.low), self.high)
-        if part.lag > 0.0:
-            aim = present - np.expm1(-step / part.lag) * (aim - present)
-        if part.rate_limit is not None:
-            most = part.rate_limit * step
-            aim = min(max(aim, present - most), present + most)
-        return aim
 
 
 class Device:
