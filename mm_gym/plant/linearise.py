@@ -104,8 +104,9 @@ def values_about(support: Support, row: Array) -> dict[str, Decimal]:
     """Return `values_of` a lane, an interface in value form by its slopes."""
     values = values_of(row)
     link = interface_slopes(support, row)
-    values["c"] += Decimal(link.damping)
-    values["k2"] += Decimal(link.stiffness)
+    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
+        values["c"] += Decimal(link.damping)
+        values["k2"] += Decimal(link.stiffness)
     return values
 
 

@@ -24,7 +24,7 @@ from mm_gym.sensitivity.jacobian import Jacobian
 from mm_gym.state_space.equations import StateSpace, state_space
 from mm_gym.state_space.linear_system import LinearSystem
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
-from mm_gym.state_space.transition import massless_transition, transition
+from mm_gym.state_space.transition import transition
 from mm_gym.step.control_step import Entries
 
 if TYPE_CHECKING:
@@ -157,13 +157,11 @@ class Plant:
         The force u [N] is held over each control step. Parameters and linearisation are those of
         `linear`; a carriage without mass is allowed.
         """
-        row, is_between = self._middle(stretch), self.support.is_between
-        if row[layout.M1] == 0.0:
-            values = values_about(self.support, row)
-            both = massless_transition(values, self.time_step, is_between=is_between)
-        else:
-            equations = _equations(self.support, row)
-            both = transition(equations, self.time_step, is_between=is_between)
+        values, is_between = (
+            values_about(self.support, self._middle(stretch)),
+            self.support.is_between,
+        )
+        both = transition(values, self.time_step, is_between=is_between)
         return both[:, :4], both[:, 4:]
 
     def system(self, stretch: float | None = None) -> StateSpace:

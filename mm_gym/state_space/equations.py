@@ -83,9 +83,3 @@ def values_of(row: Array) -> dict[str, Decimal]:
         k2 = plain(springs.stiffness)(k0, stretch)
         c = plain(dry_friction.stick_slope)(mu1, normal, vr) if vr else c
         return {"m1": m1, "m2": m2, "k1": k1 * alpha, "d": d, "c": c, "k2": k2}
-
-
-def linear_system(row: Array) -> StateSpace:
-    """Return the linear equations of one lane; dry friction enters with its slope in stick."""
-    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
-        return state_space(values_of(row))

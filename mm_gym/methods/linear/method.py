@@ -12,46 +12,12 @@ from mm_gym.lanes import layout
 from mm_gym.methods.base import ExactMethod, Settings, header, refuse_overflow
 from mm_gym.methods.linear import kernel
 from mm_gym.methods.support import LINEAR, MASSLESS
-from mm_gym.state_space.equations import linear_system, values_of
-from mm_gym.state_space.transition import (
-    halved_massless_transitions,
-    halved_transitions,
-    harmonic,
-    jet,
-    massless_response,
-    massless_transition,
-    response,
-    transition,
-)
+from mm_gym.state_space.equations import values_of
+from mm_gym.state_space.transition import halved_transitions, harmonic, jet, response, transition
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from mm_gym.methods.support import Support
-    from mm_gym.state_space.transition import Exosystem
-
-
-def _linear_model(
-    support: Support,
-    transition: Array,
-    respond: Callable[[Exosystem, bool], Array],
-    halved: Callable[[int], Array],
-) -> Array:
-    """Return the constants of the kernel.
-
-    They are the transition, the responses to harmonics and to jets, and, if there are impulses, the
-    transitions over a half, a quarter, ... of the sample interval.
-    """
-    parts = [header(support, 0), transition.ravel()]
-    for j, ground in enumerate(support.ground):
-        parts.append(respond(harmonic(float(support.frequencies[j])), ground).ravel())
-    if support.terms:
-        source = jet(support.terms, support.sample_interval)
-        parts += [respond(source, ground).ravel() for ground in (False, True)]
-    if support.excitation[IMPULSES]:
-        parts.append(halved(kernel.HALVINGS).ravel())
-    return np.concatenate(parts)
 
 
 class Linear(ExactMethod):
@@ -69,15 +35,24 @@ class Linear(ExactMethod):
     )
 
     def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
-        """Return the transition matrix and the responses to all excitation."""
-        system, time = linear_system(support.low), support.sample_interval
+        """Return the constants of the kernel.
+
+        They are the transition, the responses to harmonics and to jets, and, if there are impulses,
+        the transitions over a half, a quarter, ... of the sample interval.
+        """
+        p, time = values_of(support.low), support.sample_interval
         with refuse_overflow(support):
-            return _linear_model(
-                support,
-                transition(system, time, is_between=support.is_between),
-                lambda source, ground: response(system, source, ground=ground, time=time),
-                lambda levels: halved_transitions(system, time, levels),
-            )
+            own = transition(p, time, is_between=support.is_between)
+            parts = [header(support, 0), own.ravel()]
+            for frequency, ground in zip(support.frequencies, support.ground, strict=True):
+                wave = harmonic(float(frequency))
+                parts.append(response(p, wave, ground=ground, time=time).ravel())
+            for ground in (False, True) if support.terms else ():
+                source = jet(support.terms, time)
+                parts.append(response(p, source, ground=ground, time=time).ravel())
+            if support.excitation[IMPULSES]:
+                parts.append(halved_transitions(p, time, kernel.HALVINGS).ravel())
+        return np.concatenate(parts)
 
     def cost(self, model: Array) -> str:
         """Return the number of products."""
@@ -100,14 +75,3 @@ class Massless(Linear):
         if not support.low[layout.C] + support.low[layout.D] > 0.0:
             return "needs interface.damping + carriage.damping > 0, or nothing resists its motion"
         return None
-
-    def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
-        """Return the transition matrix and the responses to all excitation."""
-        values, time = values_of(support.low), support.sample_interval
-        with refuse_overflow(support):
-            return _linear_model(
-                support,
-                massless_transition(values, time, is_between=support.is_between),
-                lambda source, ground: massless_response(values, source, ground=ground, time=time),
-                lambda levels: halved_massless_transitions(values, time, levels),
-            )
