@@ -7,12 +7,7 @@ from math import cos, floor, pi, sin, sqrt
 
 import numpy as np
 
-from mm_gym.arrays import Array
-from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
-from mm_gym.law.carriage_spring import carriage_force
-from mm_gym.law.dry_friction import interface_force
-from mm_gym.law.springs import spring_force
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
 from mm_gym.rendering.canvas import Canvas
@@ -29,6 +24,7 @@ from mm_gym.rendering.look import (
     unit_of,
 )
 from mm_gym.rendering.subject import UNSTRETCHED, Subject
+from mm_gym.simulation.response import acceleration
 
 DOTS = 96.0 / 0.0254 / PIXELS  # units of a picture to a metre of a screen that has 96 dots per inch
 
@@ -87,7 +83,7 @@ LEAST = 0.05  # smallest impulse that is told from that error, of the largest on
 
 def can_be_seen(subject: Subject) -> bool:
     """Tell whether the control steps are short enough to find impulses, and all forces known."""
-    if not subject.knows_forces:
+    if subject.support.is_general:
         return False
     largest = subject.impulse or subject.ground_impulse
     return largest > 0.0 and 2.0 * pi * subject.time_step <= MOST_TURN * subject.period
@@ -107,29 +103,15 @@ def recent_impulse(subject: Subject, past: Past) -> float:
     before, after = now[:, :-1].copy(), now[:, 1:]
     held = [layout.FORCE, layout.STRETCH, layout.DAMPING]
     before[held] = after[held]  # over the control step
-    ends = (_force(subject, past.lane, states) for states in (before, after))
-    mean = 0.5 * sum(ends) / mass
-    mean -= 0.5 * (before[rows.SHAKE] + after[rows.SHAKE])
+    mean = 0.0
+    for ends in (before, after):
+        motion = ends[: layout.V2 + 1].T, ends[held].T, ends[rows.PUSH]
+        absolute = acceleration(subject.support, past.lane, *motion)[:, 0]
+        mean = mean + 0.5 * (absolute - ends[rows.SHAKE])
     jumps = after[layout.V1] - before[layout.V1] - subject.time_step * mean
     sizes = mass * jumps if subject.impulse else -jumps
     found = np.flatnonzero(np.abs(sizes) > LEAST * (subject.impulse or subject.ground_impulse))
     return float(sizes[found[-1]]) if found.size else 0.0
-
-
-def _force(subject: Subject, lane: Array, states: Array) -> Array:
-    """Return the force on the carriage [N] at several moments (rows, n) of a lane."""
-    spring, pair, interface = map(plain, (carriage_force, spring_force, interface_force))
-    x1, offset = states[layout.X1], states[layout.X2] - states[layout.X1]
-    c, d = (
-        states[layout.DAMPING] if row == subject.damped_row else np.full(len(x1), lane[row])
-        for row in (layout.C, layout.D)
-    )
-    regimes = lane[layout.VR], lane[layout.KINETIC_FORCE], lane[layout.CHI]
-    slips = (states[layout.V2] - states[layout.V1]).tolist()
-    total = np.array([interface(c, *regimes, w) for c, w in zip(c.tolist(), slips, strict=True)])
-    total += pair(lane[layout.K0], lane[layout.L0], states[layout.STRETCH], offset)
-    total += states[rows.PUSH] + states[layout.FORCE] - d * states[layout.V1]
-    return total - spring(lane[layout.K1], lane[layout.ALPHA], lane[layout.BETA], x1)
 
 
 COILS = 7  # coils of the carriage's spring

@@ -74,6 +74,7 @@ class Subject:
             values.tolist()
             for values in (support.low, support.high, support.start_low, support.start_high)
         )
+        self.support = support
         self.time_step, self.steps = plant.time_step, plant.steps  # [s], and those of an episode
         self.frames = frames_per_second(plant)
         self.period = min(natural_period(plant), plant.steps * plant.time_step)  # carriage's [s]
@@ -86,7 +87,6 @@ class Subject:
         self.has_springs = scene.springs.kind != "none"
         is_coupled = self.interface != "none" or actuation.is_between
         self.has_sphere = self.has_springs or is_coupled
-        self.knows_forces = not support.is_general  # those on the carriage
         # the actuators
         self.force_limit = None if actuation.force is None else actuation.force.limit  # [N]
         self.is_between = actuation.is_between  # the force, and not on the ground
