@@ -12,7 +12,6 @@ from mm_gym.arrays import Array
 from mm_gym.errors import DesignError, finite_numbers, refuse
 
 REACHED = 1e-9  # part of a direction of size 1 below which it is round-off
-ROUNDS = 200  # most rounds of balancing; a few suffice
 
 
 class Signal(NamedTuple):
@@ -222,7 +221,10 @@ def _reachable_basis(a: Array, b: Array) -> tuple[Array, Array]:
     Krylov's space of B, A B, ..., orthonormal in balanced coordinates: positions and velocities
     differ by a factor of their frequency, and forces and accelerations by more.
     """
-    scale = _balance(a)
+    from scipy import linalg  # noqa: PLC0415 - nothing else here needs it
+
+    balance: Any = linalg.matrix_balance  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType] - untyped
+    _, (scale, _) = balance(a, permute=False, separate=True)
     generator = a * scale / scale[:, None]
     start = b / scale[:, None]
     sizes = np.linalg.norm(start, axis=0)
@@ -237,19 +239,3 @@ def _reachable_basis(a: Array, b: Array) -> tuple[Array, Array]:
         basis = np.hstack([basis, new])
         start = generator @ new
     return scale[:, None] * basis, basis.T / scale
-
-
-def _balance(a: Array) -> Array:
-    """Return a scale (n,) of powers of 2 with which rows and columns of A have like sizes."""
-    scale, size = np.ones(len(a)), np.abs(a)
-    np.fill_diagonal(size, 0.0)
-    for _ in range(ROUNDS):
-        balanced = size * scale / scale[:, None]
-        rows, columns = balanced.sum(axis=1), balanced.sum(axis=0)
-        some = (rows > 0.0) & (columns > 0.0)
-        factor = np.ones(len(a))
-        factor[some] = 2.0 ** np.clip(np.rint(0.25 * np.log2(rows[some] / columns[some])), -8, 8)
-        if (factor == 1.0).all():
-            break
-        scale = scale * factor
-    return scale
