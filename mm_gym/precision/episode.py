@@ -16,6 +16,7 @@ from mm_gym.methods.support import fastest_oscillation
 from mm_gym.plant.plant import Plant
 from mm_gym.precision.oracle import Oracle
 from mm_gym.scene.scene import Scene
+from mm_gym.sensitivity.actuators import actuators_of
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import Place, Recording, blank, breaks, excitation, first, run
 from mm_gym.simulation.simulate import no_commands
@@ -106,28 +107,15 @@ def record(plant: Plant, seed: int, *, at_limits: bool = False) -> Episode:
     return Episode(seed, commands[:count], first(recording, count * many))
 
 
-def _limits(plant: Plant) -> dict[int, tuple[float, float]]:
-    """Return the least and the most command of each actuator, by its column."""
-    task = plant.task
-    limits: dict[int, tuple[float, float]] = {}
-    if "force" in plant.actuators:
-        limits[0] = -task[layout.FORCE_LIMIT], task[layout.FORCE_LIMIT]
-    if "stretch" in plant.actuators:
-        limits[1] = task[layout.STRETCH_LOW], task[layout.STRETCH_HIGH]
-    if plant.support.device:
-        limits[2] = task[layout.DAMPING_LOW], task[layout.DAMPING_HIGH]
-    return limits
-
-
 def _commands(
     plant: Plant, lanes: Lanes, rng: np.random.Generator, count: int, *, at_limits: bool
 ) -> Array:
     """Return uniformly random commands within the actuators' limits, or the nearer limits."""
     commands = no_commands(plant, count, lanes.values[:, 0])
-    for column, (low, high) in _limits(plant).items():
-        drawn = rng.uniform(low, high, count)
-        nearer = np.where(drawn < 0.5 * (low + high), low, high)
-        commands[:, column] = nearer if at_limits else drawn
+    for one in actuators_of(plant.task, plant.support.device):
+        drawn = rng.uniform(one.low, one.high, count)
+        nearer = np.where(drawn < 0.5 * (one.low + one.high), one.low, one.high)
+        commands[:, one.row - layout.FORCE] = nearer if at_limits else drawn
     return commands
 
 
