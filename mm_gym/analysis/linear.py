@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array
-from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, finite_numbers
 from mm_gym.lanes import layout
-from mm_gym.law import dry_friction, springs
-from mm_gym.plant.linearise import interface_slopes
+from mm_gym.plant.linearise import values_about
 from mm_gym.plant.support_of import support_of
 from mm_gym.scene.scene import Scene
 
@@ -37,16 +35,8 @@ def linear_values(scene: Scene) -> Linear:
     support = support_of(scene)
     p = support.middle
     p[layout.X1 : layout.V2 + 1] = 0.0
-    plain(dry_friction.write_regimes)(p[:, None], 0, 1)
-    link = interface_slopes(support, p)
-    return Linear(
-        m1=float(p[layout.M1]),
-        m2=float(p[layout.M2]),
-        k1=float(p[layout.K1] * p[layout.ALPHA]),
-        k2=float(plain(springs.stiffness)(p[layout.K0], p[layout.STRETCH])) + link.stiffness,
-        c=float(p[layout.C]) + link.damping,
-        d=float(p[layout.D]),
-    )
+    values = values_about(support, p)
+    return Linear(*(float(values[name]) for name in Linear._fields))
 
 
 def characteristic(values: Linear) -> Array:
@@ -305,7 +295,20 @@ def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyRespons
     if w.ndim != 1 or not np.all(w > 0.0):
         msg = "frequencies: allowed: a one-dimensional array of finite numbers greater than 0 rad/s"
         raise SceneError(msg)
-    m1, m2, k1, k2, c, d = linear_values(scene)
+    values = linear_values(scene)
+    force, ground = (
+        np.column_stack(receptance(values, excitation, w)) for excitation in ("force", "ground")
+    )
+    return FrequencyResponse(frequencies=w, force=force, ground=ground)
+
+
+def receptance(values: Linear, excitation: str, w: Array) -> tuple[Roots, Roots]:
+    """Return the complex amplitudes (n,) of x1 and x2 at frequencies (n,) [rad/s].
+
+    They are those per unit of a "force" on the carriage [m/N], or of the acceleration of the
+    "ground" [s^2]. The interface's damping may be (n,) too.
+    """
+    m1, m2, k1, k2, c, d = values
     s = 1j * w
     coupling = k2 + c * s
     # The sphere's row is divided by s, or digits cancel at low frequencies without springs.
@@ -313,8 +316,8 @@ def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyRespons
     # det / s = carriage (sphere + link) + sphere coupling
     determinant = carriage * (sphere + link) + sphere * coupling
     with np.errstate(divide="ignore", invalid="ignore"):
-        force = np.column_stack([(sphere + link) / determinant, link / determinant])
+        if excitation == "force":
+            return (sphere + link) / determinant, link / determinant
         # The ground pushes the masses with -m1 and -m2.
         x1 = -(m1 * (sphere + link) + m2 * link) / determinant
-        x2 = -(m2 * (carriage + coupling) / s + m1 * link) / determinant
-    return FrequencyResponse(frequencies=w, force=force, ground=np.column_stack([x1, x2]))
+        return x1, -(m2 * (carriage + coupling) / s + m1 * link) / determinant

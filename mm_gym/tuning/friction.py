@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from mm_gym.analysis.linear import Linear, linear_values
-from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
+from mm_gym.analysis.linear import Linear, linear_values, receptance
+from mm_gym.analysis.springs import spring_stiffness
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import DesignError, SimulationError, check_name, positive_number, refuse
@@ -98,27 +98,12 @@ def steady_state(
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         c = equivalent_damping(friction, np.exp(middle))
-        x1, x2 = _displacements(values, c, excitation, w)
+        x1, x2 = receptance(values._replace(c=c), excitation, w)
         grows = np.log(amplitude * w * np.abs(x2 - x1)) > middle
         low, high = np.where(grows, middle, low), np.where(grows, high, middle)
     c = equivalent_damping(friction, np.exp(low))
-    both = amplitude * np.array(_displacements(values, c, excitation, w))
+    both = amplitude * np.array(receptance(values._replace(c=c), excitation, w))
     return np.concatenate([both, 1j * w * both])
-
-
-def _displacements(
-    values: Linear, damping: Array, excitation: str, w: Array
-) -> tuple[Complex, Complex]:
-    """Return x1 and x2 (n,) per unit of excitation, by Cramer's rule on (1) and (2)."""
-    m1, m2, k1, k2, _, d = values
-    s = 1j * w
-    link = k2 + s * damping
-    carriage, sphere = k1 + s * d - w**2 * m1 + link, link - w**2 * m2
-    of_carriage, of_sphere = (1.0, 0.0) if excitation == "force" else (-m1, -m2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        over = 1.0 / (carriage * sphere - link**2)
-    x1 = (of_carriage * sphere + of_sphere * link) * over
-    return x1, (of_sphere * carriage + of_carriage * link) * over
 
 
 SAMPLES, FINER = (24, 96, 384), 8
@@ -269,12 +254,8 @@ class FrictionProblem:
         return steady_state(values, friction, self.excitation, self.amplitude, w)
 
     def _steady(self, normal: float, k2: float, frequencies: Array) -> Array:
-        scene = self.scene.replace(**{"interface.normal_force": normal})
-        if scene.springs.kind == "linear":
-            scene = scene.replace(**{"springs.stiffness": k2})
-        elif scene.springs.kind != "none":
-            stretch = max(1.0, float(stretch_for_stiffness(k2, scene.springs.stiffness)))
-            scene = scene.replace(**{"springs.stretch": stretch})  # 6 k0, rounded, needs 1
+        changes, _ = springs_with(self.scene, k2)
+        scene = self.scene.replace(**{"interface.normal_force": normal}, **changes)
         starts = self._states(normal, k2, frequencies).imag.T  # of a sine
         pairs = zip(frequencies, starts, strict=True)
         return np.array([steady_amplitude(scene, self.channel, w, start) for w, start in pairs])
