@@ -142,7 +142,24 @@ def _stretch_text(stretch: float | None) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Tuning:
+class Tuned:
+    """A scene and the same tuned, with arguments of the tuning."""
+
+    scene: Scene
+    tuned: Scene
+    excitation: str
+    channel: str
+
+    def to_toml(self, path: str | PathLike[str]) -> None:
+        """Write the tuned scene as a TOML file, whole or not at all.
+
+        Files of records are named relative to the file's folder.
+        """
+        write_text(path, toml_of(self.tuned, Path(path).resolve().parent))
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning(Tuned):
     """The result of `tune`.
 
     Attributes
@@ -162,10 +179,6 @@ class Tuning:
         Text that says why the springs do not reach `free`, or None if they do.
     """
 
-    scene: Scene
-    tuned: Scene
-    excitation: str
-    channel: str
     criterion: str
     before: Design
     free: Design
@@ -201,16 +214,9 @@ class Tuning:
         """Draw the response before and after, into a PNG if a path is given (extra: plot)."""
         return drawn(_draw, self, path)
 
-    def to_toml(self, path: str | PathLike[str]) -> None:
-        """Write the tuned scene as a TOML file, whole or not at all.
-
-        Files of records are named relative to the file's folder.
-        """
-        write_text(path, toml_of(self.tuned, Path(path).resolve().parent))
-
 
 @dataclass(frozen=True, eq=False)
-class FrictionTuning:
+class FrictionTuning(Tuned):
     """The result of `friction_absorber`.
 
     Attributes
@@ -229,10 +235,6 @@ class FrictionTuning:
         Text that says why the springs do not reach the best stiffness, or None if they do.
     """
 
-    scene: Scene
-    tuned: Scene
-    excitation: str
-    channel: str
     amplitude: float
     frequencies: Array
     before: FrictionDesign
@@ -255,13 +257,6 @@ class FrictionTuning:
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
         """Draw the amplitudes before and after, into a PNG if a path is given (extra: plot)."""
         return drawn(_draw_friction, self, path)
-
-    def to_toml(self, path: str | PathLike[str]) -> None:
-        """Write the tuned scene as a TOML file, whole or not at all.
-
-        Files of records are named relative to the file's folder.
-        """
-        write_text(path, toml_of(self.tuned, Path(path).resolve().parent))
 
 
 def own_stretch(scene: Scene, stiffness: float) -> float | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mm_gym.analysis.linear import Linear, characteristic
 from mm_gym.arrays import Array
@@ -216,13 +215,9 @@ def abscissa(denominator: Array) -> float:
 
 def _squared(polynomial: Array) -> Array:
     """Return |p(i w)|^2 as a polynomial in w^2."""
-    ascending = polynomial[::-1]
-    signs = (-1.0) ** np.arange(len(ascending))
-    even, odd = ascending[0::2], ascending[1::2]
-    even = (even * signs[: len(even)])[::-1]
-    odd = (odd * signs[: len(odd)])[::-1]
-    odd_square = np.append(np.polymul(odd, odd), 0.0) if len(odd) else np.zeros(1)
-    return np.polyadd(np.polymul(even, even), odd_square).astype(np.float64)
+    signs = (-1.0) ** np.arange(len(polynomial))
+    # p(s) p(-s), up to a sign, has even powers of s only, and s^2 = -w^2.
+    return np.convolve(polynomial, polynomial * signs)[::2] * signs
 
 
 def _polished(transfer: Transfer, starts: Array) -> Array:
@@ -244,20 +239,8 @@ def _slopes(transfer: Transfer, w: Array) -> tuple[Array, Array]:
     first = second = np.zeros(len(w), np.complex128)
     s = (1j * w).astype(np.complex128)
     for polynomial, sign in ((transfer.numerator, 1.0), (transfer.denominator, -1.0)):
-        value, slope, curvature = _with_derivatives(polynomial, s)
+        value, slope, curvature = (np.polyval(np.polyder(polynomial, k), s) for k in range(3))
         one = slope / value
         first = first + sign * 1j * one
         second = second - sign * (curvature / value - one * one)
     return first.real, second.real
-
-
-def _with_derivatives(
-    polynomial: Array, s: NDArray[np.complex128]
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return a polynomial and its first two derivatives, by Horner's rule."""
-    value = slope = half = np.zeros(len(s), np.complex128)
-    for coefficient in polynomial:
-        half = half * s + slope
-        slope = slope * s + value
-        value = value * s + coefficient
-    return value, slope, 2.0 * half
