@@ -66,15 +66,6 @@ def pointed(text: str, mark: str) -> str:
     return text if mark == "." else text.replace(".", "?").replace(mark, ".")
 
 
-def table(separator: str | None, columns: int, mark: str = ".") -> re.Pattern[str]:
-    """Return the pattern of lines of cells that may be numbers with a decimal mark, or empty."""
-    between = rf"[ \t]*+{separator}[ \t]*+" if separator else r"[ \t]++"
-    cell = rf"[0-9{mark}+\-EeDd]++"
-    row = rf"{cell}(?:{between}{cell}){{{columns - 1}}}"
-    # `(?:...)?+` keeps a part of a row that fails: https://github.com/python/cpython/issues/106052
-    return re.compile(rf"(?:[ \t]*+(?:{row}[ \t]*+)?\n)*+")
-
-
 MOST_BYTES = 16 * 2**20  # largest file: about an hour and a half at 200 Hz
 
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0e-\x1f\x7f]")
@@ -281,8 +272,7 @@ def read_columns(file: Path, text: str, unit: str, options: Options) -> Samples:
             refuse(file, n, times)
     pieces = list(blocks(file, text, start, number))
     form = Form(separator, columns, places, _decimal_mark(pieces, separator, places))
-    fitting = table(separator, columns, form.mark)
-    rows = [_cells(file, block, fitting, form) for block in pieces]
+    rows = [_cells(file, block, form) for block in pieces]
     values = np.concatenate(rows)
 
     def where(row: int) -> str:
@@ -357,16 +347,8 @@ def _decimal_mark(pieces: list[Block], separator: str | None, places: tuple[int,
     return "."
 
 
-def _cells(file: Path, block: Block, fitting: re.Pattern[str], form: Form) -> Array:
+def _cells(file: Path, block: Block, form: Form) -> Array:
     """Return the numbers (rows, 1 or 2) in a block of lines."""
-    body = block[1]
-    if "#" in body:
-        body = "\n".join(_texts(*block)[0])
-    if fitting.fullmatch(body + "\n"):
-        plain = body.replace(form.separator, " ") if form.separator else body
-        values = floats(pointed(plain, form.mark))
-        if values is not None:
-            return values.reshape(-1, form.columns)[:, form.places]
     texts, numbers = _texts(*block)
     rows: list[list[str]] = []
     for number, text in zip(numbers, texts, strict=True):

@@ -228,8 +228,8 @@ def test_large_file_that_is_wrong_is_refused_soon(monkeypatch, kind):
     start = time.process_time()
     with pytest.raises(SceneError):
         read_record(name, unit="g", time_step=STEPS.get(kind), column=COLUMNS.get(kind))
-    # Most take half a second, and eight million numbers a second; what is not linear in their
-    # number takes hours.
+    # Most take a second or two, and eight million lines seven; what is not linear in their number
+    # takes hours.
     assert time.process_time() - start < 20.0
 
 
