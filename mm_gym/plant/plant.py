@@ -157,11 +157,8 @@ class Plant:
         The force u [N] is held over each control step. Parameters and linearisation are those of
         `linear`; a carriage without mass is allowed.
         """
-        values, is_between = (
-            values_about(self.support, self._middle(stretch)),
-            self.support.is_between,
-        )
-        both = transition(values, self.time_step, is_between=is_between)
+        values = values_about(self.support, self._middle(stretch))
+        both = transition(values, self.time_step, is_between=self.support.is_between)
         return both[:, :4], both[:, 4:]
 
     def system(self, stretch: float | None = None) -> StateSpace:
@@ -170,7 +167,9 @@ class Plant:
         if row[layout.M1] == 0.0:
             msg = "carriage.mass: 0 leaves three states, so there is no A (4, 4); use discrete()"
             raise CompileError(msg)
-        return _equations(self.support, row)
+        values = values_about(self.support, row)
+        with localcontext(Context(prec=ASSEMBLY_DIGITS)):
+            return state_space(values)
 
     def state_space(
         self,
@@ -360,12 +359,6 @@ class Plant:
                 span = f"{low:g}" if low == high else f"{low:g} to {high:g}"
                 text += f", scaled to a {measure.replace('_', ' ')} of {span} in SI units"
         return text
-
-
-def _equations(support: Support, row: Array) -> StateSpace:
-    """Return the linear equations of a lane (rows,) in decimal arithmetic."""
-    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
-        return state_space(values_about(support, row))
 
 
 @lru_cache(maxsize=4096)

@@ -59,12 +59,6 @@ def spring_colour(fraction: float) -> Colour:
     return int(red), int(green), int(blue)
 
 
-def lighter(colour: Colour, part: float) -> Colour:
-    """Return a colour mixed with white."""
-    red, green, blue = (int(c + (255 - c) * part) for c in colour)
-    return red, green, blue
-
-
 def mixed(one: Colour, other: Colour, fraction: float) -> Colour:
     """Return a colour between two, at one of `SHADES` steps."""
     place = round(min(max(fraction, 0.0), 1.0) * SHADES) / SHADES

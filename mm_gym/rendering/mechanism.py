@@ -217,7 +217,7 @@ class Mechanism:
         turns = [*(0.5 * k for k in range(floor(2.0 * coils) + 1)), coils]
         points = [(start + pitch * t, y + half * (4.0 * abs(t % 1.0 - 0.5) - 1.0)) for t in turns]
         for k in range(1, len(points) - 1, 2):
-            self.canvas.line(points[k : k + 2], look.lighter(colour, 0.5), 1.5)
+            self.canvas.line(points[k : k + 2], look.mixed(colour, look.PAPER, 0.5), 1.5)
         for k in range(0, len(points) - 1, 2):
             self.canvas.line(points[k : k + 2], colour, 2.25)
 

@@ -113,7 +113,7 @@ def _with_absorber(source: str, structure: Structure, ratio: float, control: Any
     )
 
 
-TOWER_HEIGHT, TOWER_FLOORS, TOWER_MASS = 306.0, 76, 153e6
+TOWER_FLOORS, TOWER_MASS = 76, 153e6
 
 
 def _tower() -> Example:
