@@ -12,8 +12,8 @@ from os import PathLike
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 
+from mm_gym.extras import optional
 from mm_gym.files import write_bytes
 
 if TYPE_CHECKING:
@@ -58,12 +58,8 @@ LOOK = {
 @contextmanager
 def style() -> Generator[None]:
     """Draw and save in this look; raise `DependencyNotInstalled` without matplotlib."""
-    try:
-        from matplotlib import rc_context  # noqa: PLC0415 - optional
-    except ImportError as error:
-        msg = "drawing needs matplotlib; install the extra `plot`"
-        raise DependencyNotInstalled(msg) from error
-    with rc_context(LOOK):
+    matplotlib = optional("matplotlib", "drawing needs matplotlib; install the extra `plot`")
+    with matplotlib.rc_context(LOOK):
         yield
 
 

@@ -15,6 +15,7 @@ from mm_gym.analysis.asymptotes_kernel import final_offsets, sticks_throughout
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, SimulationError, finite_numbers, refuse
+from mm_gym.extras import optional
 from mm_gym.lanes import layout
 from mm_gym.law import dry_friction, springs
 from mm_gym.law.carriage_spring import carriage_energy, carriage_force
@@ -208,19 +209,9 @@ def bifurcation(
 
     if not progress:
         return _offsets(scene_of, lanes, lambda _: None)
-    with _bar(points.size, parameter) as bar:
+    tqdm = optional("tqdm", "a progress bar needs tqdm; install the extra `agents`").tqdm
+    with tqdm(total=points.size, desc=parameter, unit="points") as bar:
         return _offsets(scene_of, lanes, bar.update)
-
-
-def _bar(total: int, title: str):  # noqa: ANN202 - the type is tqdm's, which is optional
-    try:
-        from tqdm import tqdm  # noqa: PLC0415
-    except ImportError as error:
-        from gymnasium.error import DependencyNotInstalled  # noqa: PLC0415
-
-        msg = "a progress bar needs tqdm; install the extra `agents`"
-        raise DependencyNotInstalled(msg) from error
-    return tqdm(total=total, desc=title, unit="points")
 
 
 def _offsets(

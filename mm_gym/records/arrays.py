@@ -11,7 +11,6 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from importlib import import_module
 from io import BytesIO
 from math import prod
 from pathlib import Path
@@ -19,10 +18,10 @@ from tokenize import TokenError
 from typing import Any, NoReturn
 
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from mm_gym.errors import SceneError, suggest
+from mm_gym.extras import optional
 from mm_gym.files import read_bytes
 from mm_gym.records.options import LARGEST, Options, Samples
 from mm_gym.records.text import MOST_BYTES, refuse, series
@@ -255,11 +254,7 @@ def _matrices(
 
 
 def _read_hdf5(file: Path, content: bytes, variable: str | None) -> tuple[str, NDArray[Any]]:
-    try:
-        h5py: Any = import_module("h5py")  # optional
-    except ImportError as error:
-        msg = f"{file}: MATLAB 7.3 needs h5py; install the extra `matlab`"
-        raise DependencyNotInstalled(msg) from error
+    h5py = optional("h5py", f"{file}: MATLAB 7.3 needs h5py; install the extra `matlab`")
     try:
         with h5py.File(BytesIO(content), "r") as data:
             arrays: dict[str, Any] = {}

@@ -10,10 +10,10 @@ from os import environ
 from typing import Any
 
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from mm_gym.arrays import Array
+from mm_gym.extras import optional
 from mm_gym.rendering.look import BAR, INK, PAPER, PIXELS, SIZE, Colour, Point, spring_colour
 
 FINE = 2  # pixels of the fine band to one of the picture, each way
@@ -33,12 +33,7 @@ TEXT_SCALE = 3
 def load_pygame() -> Any:  # noqa: ANN401 - a module
     """Return pygame, or raise `DependencyNotInstalled`."""
     environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # it prints a line when it is imported
-    try:
-        import pygame  # noqa: PLC0415 - optional
-    except ImportError as error:
-        msg = "rendering needs pygame-ce; install the extra `render`"
-        raise DependencyNotInstalled(msg) from error
-    return pygame
+    return optional("pygame", "rendering needs pygame-ce; install the extra `render`")
 
 
 class Canvas:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 
 from mm_gym.errors import refuse
+from mm_gym.extras import optional
 from mm_gym.files import write_bytes
 from mm_gym.lanes import layout
 from mm_gym.plant.compile import compile_scene
@@ -73,9 +72,6 @@ def _pasts(lanes: Lanes, history: History, steps: int) -> Iterator[Past]:
 
 def _video(path: str, frames: int) -> Any:  # noqa: ANN401 - moviepy ships no types
     """Return a writer of videos, as Gymnasium's and Stable-Baselines3's recorders use it."""
-    try:
-        writers: Any = import_module("moviepy.video.io.ffmpeg_writer")
-    except ImportError as error:
-        msg = "videos need moviepy; install it with: pip install moviepy"
-        raise DependencyNotInstalled(msg) from error
+    remedy = "videos need moviepy; install it with: pip install moviepy"
+    writers = optional("moviepy.video.io.ffmpeg_writer", remedy)
     return writers.FFMPEG_VideoWriter(path, SIZE, frames)
