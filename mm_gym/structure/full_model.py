@@ -40,7 +40,7 @@ TOLERANCE = 1e-8
 out, which is some percent."""
 
 MOST_EVALUATIONS = 3_000_000  # of the rates of a nonlinear device: some minutes
-SAME_TIME = 1e-12  # difference of two instants, relative to the last, that is round-off
+SAME_TIME = 1e-12  # difference of two instants, relative to them, that is round-off
 DIGITS = 12  # steps of a linear motion that agree to as many digits share a transition matrix
 
 SPRINGS = [layout.K0, layout.L0, layout.STRETCH]
@@ -294,12 +294,11 @@ def _pair(own: Array) -> tuple[float, ...]:
 
 def _stops(times: Array, corners: Array) -> Array:
     """Return the times, and corners of the ground's motion and of commands between them."""
-    near = SAME_TIME * times[-1]
     corners = np.sort(corners[(corners > times[0]) & (corners < times[-1])])
-    corners = corners[np.diff(corners, prepend=-np.inf) > near]
+    corners = corners[np.diff(corners, prepend=-np.inf) > SAME_TIME * corners]
     after = np.clip(np.searchsorted(times, corners), 1, len(times) - 1)
     gap = np.minimum(np.abs(corners - times[after - 1]), np.abs(corners - times[after]))
-    return np.sort(np.concatenate([times, corners[gap > near]]))
+    return np.sort(np.concatenate([times, corners[gap > SAME_TIME * corners]]))
 
 
 def _sampled(stops: Array, ground: Array) -> tuple[Array, Array]:

@@ -116,6 +116,22 @@ def test_one_storey_moves_as_its_scene_under_control(actuation, action):
         assert abs(row.full_rms - idle[row.name].full_rms) > 1e-3 * row.full_rms
 
 
+def test_commands_begin_on_time_where_samples_of_the_ground_almost_do():
+    reduction = ONE.reduce(1)
+    scene = reduction.scene(
+        0.5,
+        interface=VISCOUS,
+        springs=SPRINGS,
+        actuation={"force": {"limit": 1.0}},
+        control={"time_step": 0.02, "steps": 100},
+    )
+    # Not the same time, but by less than round-off of the last: as of times that lost digits.
+    ground = GROUND * [1.0 - 1.9e-12, 1.0]
+    found = compare(reduction, scene, ground, action=lambda t, _: 3.0 * np.sin(7.0 * t))
+    # Corners inside sample intervals: docs/excitation.md, section 2.
+    assert max(row.difference_rms for row in found.rows) < 1e-8
+
+
 def test_start_of_the_scene_is_that_of_the_whole_structure():
     reduction = ONE.reduce(1)
     initial = {
