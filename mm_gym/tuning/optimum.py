@@ -71,8 +71,7 @@ class Goal(NamedTuple):
         """Return the criterion: a peak, a variance, or the largest real part of an eigenvalue."""
         path = self.transfer(values)
         if self.criterion == "h_infinity":
-            unstable = abscissa(path.denominator) >= 0.0
-            return np.inf if unstable else largest_peak(path).amplitude
+            return largest_peak(path).amplitude
         if self.criterion == "h2":
             return variance(path)
         own = characteristic(values)

@@ -150,6 +150,7 @@ def largest_peak(
     """
     if points is None:
         points = stationary_points(transfer)
+    points = [*points, *_resonances(transfer)]
     inside = [peak for peak in points if low <= peak.frequency <= high]
     ends = np.array([end for end in (low, high) if 0.0 < end < np.inf])
     sizes = amplitude(transfer, ends)
@@ -211,6 +212,30 @@ def variance(transfer: Transfer) -> float:
 def abscissa(denominator: Array) -> float:
     """Return the largest real part of the roots."""
     return float(np.roots(denominator).real.max(initial=-np.inf))
+
+
+def _resonances(transfer: Transfer) -> list[Peak]:
+    """Return where the denominator has no real part, and the amplitudes there.
+
+    With little damping that is at the peaks. They may be narrower than the spacing of doubles, so
+    that the real part does not vanish at any of them.
+    """
+    even, odd = _parts(transfer.denominator)
+    roots = np.roots(even)
+    squares = roots[(roots.imag == 0.0) & (roots.real > 0.0)].real
+    w = np.sqrt(squares)
+    over = np.abs(np.polyval(transfer.numerator, 1j * w))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sizes = over / np.abs(w * np.polyval(odd, squares))
+    return [Peak(*both) for both in zip(w.tolist(), sizes.tolist(), strict=True)]
+
+
+def _parts(polynomial: Array) -> tuple[Array, Array]:
+    """Return a and b of p(i w) = a(w^2) + i w b(w^2)."""
+    ascending = polynomial[::-1]
+    signs = (-1.0) ** np.arange(len(ascending))
+    even, odd = ascending[0::2], ascending[1::2]
+    return (even * signs[: len(even)])[::-1], (odd * signs[: len(odd)])[::-1]
 
 
 def _squared(polynomial: Array) -> Array:

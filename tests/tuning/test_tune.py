@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.optimize import differential_evolution
 from tasks import TASKS
 from tuning.conftest import rig
 
-from mm_gym import load_scene, simulate
+from mm_gym import Scene, load_scene, simulate
 from mm_gym.__main__ import main
 from mm_gym.analysis import frequency_response
 from mm_gym.scene.toml_file import toml_of
@@ -190,6 +191,28 @@ def test_uncoupled_sphere_stays_where_it_is_under_a_force(criterion):
             rig(0.1, damping=5.0).replace(**free), channel=channel, criterion=criterion
         )
         assert found.value == found.peak == 0.0
+
+
+def test_peak_that_is_narrower_than_doubles_are_apart_is_found():
+    damping = 2.6e-10
+    scene = Scene(
+        carriage={"mass": 1.0, "stiffness": 1.0, "damping": damping},
+        sphere={"mass": 0.05},
+        springs={"kind": "linear", "stiffness": 3e-5},
+        interface={"kind": "none"},
+        control={"time_step": 0.01, "steps": 100},
+    )
+    squares, shapes = eigh([[1.00003, -3e-5], [-3e-5, 3e-5]], np.diag([1.0, 0.05]))
+    # Of a mode alone, which the others change by their static part over its peak.
+    peaks = np.abs(shapes[0] * shapes[1]) / (np.sqrt(squares) * damping * shapes[0] ** 2)
+    found = evaluate(scene, channel="sphere_displacement")
+    assert found.value == found.peak == pytest.approx(peaks.max(), rel=1e-6)
+    assert found.peak_frequency == pytest.approx(np.sqrt(squares[np.argmax(peaks)]), rel=1e-8)
+
+
+def test_peak_without_damping_is_infinite():
+    found = evaluate(rig(0.1).replace(interface={"kind": "none"}))
+    assert found.value == found.peak == np.inf
 
 
 @pytest.mark.parametrize("name", TASKS)
