@@ -231,11 +231,17 @@ class Episodes:
             (num_envs, n) float32.
         cost
             (num_envs,) double: the cost of the step, which is minus its reward.
+
+        Raises
+        ------
+        ActionError
+            If the action has another shape or is not finite. Nothing is changed then.
         """
         action = action.double().clamp(-1.0, 1.0)
-        found = self._physics.jacobian(action.detach().numpy().T)
+        actions = action.detach().numpy()
+        observation, rewards, *_ = self.env.step(actions)  # first: it refuses before all changes
+        found = self._physics.jacobian(actions.T)
         self._state = _moved(found, self._state, action, fade=self.fade, most=self.most)
-        observation, rewards, *_ = self.env.step(action.detach().numpy())
         slopes = _tensor(np.moveaxis(self._outputs.slopes(), -1, 0))  # (lanes, channels + 1, rows)
         motion = self._state[:, : slopes.shape[2]]
         changes = torch.einsum("lij,lj->li", slopes, motion)

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from mm_gym import MovingMassVectorEnv, SceneError, compile_scene, load_scene, rewarded
+from mm_gym import ActionError, MovingMassVectorEnv, SceneError, compile_scene, load_scene, rewarded
 from mm_gym.lanes import layout
 from mm_gym.tasks import ids
 from mm_gym.torch import Episodes, step
@@ -198,6 +198,21 @@ def test_the_shown_acceleration_has_the_slope_of_the_damping_force(of, sign):
     # Central differences of a linear function: their round-off is some 1e-10 of the acceleration.
     found = episodes._outputs.slopes()[0, -1]
     assert found == pytest.approx(wanted, rel=1e-7)
+
+
+@pytest.mark.parametrize("wrong", [torch.full((2, 1), np.nan), torch.zeros(3, 1), torch.zeros(2)])
+def test_a_refused_action_changes_nothing(wrong):
+    slopes = []
+    for is_asked in (False, True):
+        episodes = Episodes("mm_gym/CarriageForce-v0", 2)
+        episodes.reset(seed=0)
+        if is_asked:
+            with pytest.raises(ActionError, match=r"^action: got"):
+                episodes.step(wrong)
+        action = torch.full((2, 1), 0.1, requires_grad=True)
+        _, cost = episodes.step(action)
+        slopes += torch.autograd.grad(cost.sum(), action)
+    assert torch.equal(*slopes)
 
 
 def test_a_detached_state_ends_the_way_back():
