@@ -274,7 +274,7 @@ def _check(reduction: Reduction, scene: Scene) -> None:
 
 
 def _instants(reduction: Reduction, ground: Array, duration: float | None) -> Array:
-    """Return evenly spaced instants [s], some for every sample of the ground's motion."""
+    """Return instants [s], some for every sample of the ground's motion, evenly until the end."""
     spacing = float(np.diff(ground[:, 0]).min())
     if not spacing > 0.0:
         refuse("ground", "times that do not increase", "increasing times [s]")
@@ -286,7 +286,8 @@ def _instants(reduction: Reduction, ground: Array, duration: float | None) -> Ar
     if not 1.0 - 1e-9 <= count <= MOST_INSTANTS:
         allowed = f"1 to {MOST_INSTANTS}, {step:g} s apart"
         refuse("duration", f"{end:g} s, which is {count:g} instants", allowed, StructureError)
-    return evenly(int(count * (1.0 + 1e-12)) + 1, step)
+    even = evenly(int(count * (1.0 + 1e-12)) + 1, step)
+    return even if end - even[-1] <= 1e-9 * step else np.append(even, end)
 
 
 def _row(time: Array, name: str, unit: str, full: Array, reduced: Array) -> Row:

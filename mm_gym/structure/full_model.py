@@ -86,7 +86,7 @@ class FullModel:
             raise StructureError(msg)
 
     def motion(self, times: Array, ground: Array) -> Motion:
-        """Return the motion at evenly spaced times (k,) [s] that begin at 0.
+        """Return the motion at increasing times (k,) [s] that begin at 0.
 
         The ground (m, 2) has times [s] and accelerations [m/s^2], linear in between, zero outside.
         """

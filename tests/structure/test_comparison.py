@@ -116,6 +116,22 @@ def test_one_storey_moves_as_its_scene_under_control(actuation, action):
         assert abs(row.full_rms - idle[row.name].full_rms) > 1e-3 * row.full_rms
 
 
+def test_motion_lasts_as_long_as_it_is_asked_for():
+    reduction = ONE.reduce(1)
+    scene = reduction.scene(
+        0.5,
+        interface=VISCOUS,
+        springs=SPRINGS,
+        actuation={"force": {"limit": 1.0}},
+        control={"time_step": 0.02, "steps": 100},
+    )
+    ground = white_noise(2.1, 0.07, seed=3)
+    found = compare(reduction, scene, ground, duration=1.0, action=np.linspace(-1.0, 1.0, 50))
+    assert found.time[-1] == 1.0
+    # Corners inside sample intervals: docs/excitation.md, section 2.
+    assert max(row.difference_rms for row in found.rows) < 1e-8
+
+
 def test_commands_begin_on_time_where_samples_of_the_ground_almost_do():
     reduction = ONE.reduce(1)
     scene = reduction.scene(
