@@ -13,12 +13,11 @@ import numpy as np
 from agents.control.kalman_filter import OF_ACTUATORS
 from agents.control.scene import periods, plant_of
 from agents.controllers.constant import uncontrolled
-from agents.rollout import Rollout
 from agents.training.config import PPOSettings, RunSettings, TrainSettings
 from agents.training.parts import NO_BASE, base_controller, best_controller
 from agents.training.runs import Run
-from agents.training.scales import LANES, LEAST, SEED, size_of_actions
-from mm_gym import MovingMassVectorEnv, Scene
+from agents.training.scales import LEAST, sizes_under
+from mm_gym import Scene
 
 FITS = 0.01, 100.0  # least and largest root mean square of an observed channel without control
 STEPS = 4.0, 1000.0  # fewest and most control steps in a period
@@ -35,13 +34,9 @@ SCALED_BY = {
 
 def misfits(scene: Scene) -> list[str]:
     """Return what does not fit the motion without control, a line each; nothing where all does."""
-    plant = plant_of(scene)
-    env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
-    rollout = Rollout(env, uncontrolled(scene), seed=SEED)
-    squares = [np.mean(step.observation.astype(np.float64) ** 2, axis=0) for step in rollout]
-    sizes = np.sqrt(np.mean(squares, axis=0))[-len(plant.observed) :]
-    found: list[str] = []
-    for channel, size in zip(plant.observed, sizes, strict=True):
+    plant, found = plant_of(scene), list[str]()
+    (sizes,) = sizes_under(scene, uncontrolled(scene), lambda one: [one.observation.astype(float)])
+    for channel, size in zip(plant.observed, sizes[-len(plant.observed) :], strict=True):
         if channel.name in OF_ACTUATORS:
             continue
         noise = channel.noise * channel.factor
@@ -98,7 +93,8 @@ def for_own_scene(settings: TrainSettings, run: Run) -> TrainSettings:
         changes["discount"] = discount_of(scene)
     explores = isinstance(chosen, PPOSettings) and "initial_log_std" not in chosen.model_fields_set
     if explores and base != NO_BASE:
-        size = max(LEAST, size_of_actions(scene, base_controller(scene, base)))
+        (sizes,) = sizes_under(scene, base_controller(scene, base), lambda one: [one.action])
+        size = max(LEAST, np.sqrt(np.mean(sizes**2)))
         spread = np.clip(EXPLORED * size / settings.authority, QUIET, LOUD)
         changes["initial_log_std"] = round(float(np.log(spread)), 3)
     return settings.model_copy(

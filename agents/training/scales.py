@@ -40,7 +40,7 @@ class Scales:
         """Return those under a start, in episodes of the scene."""
         watched = _Watched(start)
         try:
-            sizes = _sizes(scene, watched, lambda _: watched.seen)
+            sizes = sizes_under(scene, watched, lambda _: watched.seen)
         except ActionError:  # a start that is not stable
             return cls.stated(start)
         return cls._of(start, *sizes)
@@ -48,7 +48,7 @@ class Scales:
     @classmethod
     def around(cls, scene: Scene, base: Controller, start: Start) -> Scales:
         """Return those of what is added to a base, in episodes under it alone."""
-        (sizes,) = _sizes(scene, base, lambda one: (observed(one.observation, one.action),))
+        (sizes,) = sizes_under(scene, base, lambda one: (observed(one.observation, one.action),))
         return cls._of(start, sizes, sizes[-len(start.direct) :], np.ones(0))
 
     @classmethod
@@ -60,23 +60,19 @@ class Scales:
         return cls(inputs, np.clip(outputs, LEAST, 1.0), updates)
 
 
-def _sizes(
+def sizes_under(
     scene: Scene, controller: Controller, read: Callable[[Step], Sequence[Array]]
 ) -> list[Array]:
-    """Return the root mean squares of what is read of each step, (lanes, ...) each."""
+    """Return the root mean squares under a controller of what is read of each step.
+
+    Of an array (lanes, n) it is (n,).
+    """
     env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
     squares = [
         [np.mean(one**2, axis=0) for one in read(step)]
         for step in Rollout(env, controller, seed=SEED)
     ]
     return [np.sqrt(sum(rows) / len(rows)) for rows in zip(*squares, strict=True)]
-
-
-def size_of_actions(scene: Scene, controller: Controller) -> float:
-    """Return the root mean square of a controller's actions in episodes of a scene, at least 0."""
-    env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
-    squares = [np.mean(step.action**2) for step in Rollout(env, controller, seed=SEED)]
-    return float(np.sqrt(np.mean(squares)))
 
 
 class _Watched(Learned):

@@ -25,7 +25,7 @@ from agents.training.network import Network
 from agents.training.parts import Best, Parts, agent_of, base_controller, make_parts, recorded_parts
 from agents.training.progress import read_ending
 from agents.training.runs import Run, RunError
-from agents.training.scales import Scales, size_of_actions
+from agents.training.scales import Scales, sizes_under
 from agents.training.start import Start
 from agents.training.starts import added_to, start_of
 from mm_gym import DesignError, MovingMassVectorEnv, SceneError, load_scene
@@ -364,7 +364,8 @@ class TestBases:
         start = added_to(scene, EvolveSettings(extra=2), np.random.default_rng(0))
         scales = Scales.around(scene, base, start)
         assert scales.inputs.shape == (start.direct.shape[1] - 1,)
-        assert scales.outputs[0] == pytest.approx(size_of_actions(scene, base), rel=1e-6)
+        (sizes,) = sizes_under(scene, base, lambda one: [one.action])
+        assert scales.outputs[0] == pytest.approx(sizes[0], rel=1e-6)
         np.testing.assert_allclose(scales.inputs[-3], scales.outputs[0])
 
 
