@@ -11,8 +11,10 @@ import math
 import struct
 import zipfile
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,8 +23,9 @@ from numpy.lib import format as npy
 from numpy.typing import DTypeLike, NDArray
 from safetensors import SafetensorError
 
+from agents.network.interface import Interface, counted
 from mm_gym.errors import refuse
-from mm_gym.files import parse_json
+from mm_gym.files import parse_json, write_bytes
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -37,6 +40,43 @@ ARCHIVE = b"PK"  # what NumPy's archives begin with
 
 class PolicyError(RuntimeError):
     """A policy cannot be read, or does not suit the scene."""
+
+
+class FilePolicy(ABC):
+    """A policy that a file can hold: a network, or a table of value iteration."""
+
+    # observed, actions, remembers: numbers of an observation, of an action, and kept between steps
+    observed: int
+    actions: int
+    remembers: int = 0
+
+    def begin(self, lanes: int) -> NDArray[np.float64]:
+        """Return the memory (lanes, m) with which an episode begins."""
+        return np.zeros((lanes, self.remembers))
+
+    def check(self, observation: int, action: int, of: str = "the scene") -> None:
+        """Raise `PolicyError` unless observation and action have so many numbers."""
+        if (self.observed, self.actions) != (observation, action):
+            msg = (
+                f"policy: got {counted(self.observed, 'observed number')} and "
+                f"{counted(self.actions, 'action')}; {of} has {observation} and {action}"
+            )
+            raise PolicyError(msg)
+
+    def save(self, path: str | Path, interface: Interface | None = None) -> None:
+        """Write the policy whole: a kill leaves the old file or the new one."""
+        write_bytes(path, self.to_bytes(interface))
+
+    def to_bytes(self, interface: Interface | None = None) -> bytes:
+        """Return the content of the policy's file."""
+        description, arrays = self._content()
+        if interface is not None:
+            description["interface"] = interface.model_dump(mode="json")
+        return content_of(description, arrays)
+
+    @abstractmethod
+    def _content(self) -> tuple[dict[str, Any], Arrays]:
+        """Return what a file says of it in JSON, and its arrays."""
 
 
 MOST_MEMBERS = 4096  # of an archive; a training's checkpoint has some hundred arrays

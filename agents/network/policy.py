@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from agents.network.arithmetic import Arithmetic
-from agents.network.files import PolicyError, content_of, numbers
+from agents.network.files import Arrays, FilePolicy, numbers
 from agents.network.graph import Graph
-from agents.network.interface import Interface, counted
 from agents.network.layers import (
     KINDS,
     LSTM,
@@ -33,7 +31,6 @@ from agents.network.layers import (
 )
 from mm_gym.arrays import Array, Single
 from mm_gym.errors import refuse
-from mm_gym.files import write_bytes
 
 Kind = TypeVar("Kind", bound=Layer)
 
@@ -41,7 +38,7 @@ FORMAT = 4  # of files. 1 to 3 are NumPy's archives, see `agents.policies`.
 
 
 @dataclass(frozen=True, eq=False)
-class Policy:
+class Policy(FilePolicy):
     """Layers, one after the other, whose last output is the action: that of a trained agent's mean.
 
     Raise `ValueError` if the layers do not fit each other.
@@ -74,20 +71,6 @@ class Policy:
     def find(self, kind: type[Kind]) -> Kind | None:
         """Return the first layer of a kind."""
         return next((layer for layer in every(self.layers) if isinstance(layer, kind)), None)
-
-    def check(self, observation: int, action: int, of: str = "the scene") -> None:
-        """Raise `PolicyError` unless observation and action have so many numbers."""
-        if (self.observed, self.actions) != (observation, action):
-            msg = (
-                f"policy: got {counted(self.observed, 'observed number')} and "
-                f"{counted(self.actions, 'action')}; "
-                f"{of} has {observation} and {action}"
-            )
-            raise PolicyError(msg)
-
-    def begin(self, lanes: int) -> Array:
-        """Return the memory (lanes, m) with which an episode begins."""
-        return np.zeros((lanes, self.remembers))
 
     def step(self, observation: Array | Single, memory: Array) -> tuple[Array, Array]:
         """Return the actions (lanes, k) for observations (lanes, n), and the memory after them."""
@@ -126,18 +109,9 @@ class Policy:
         """Return the policy with other arrays, by their names in `arrays`."""
         return replace(self, layers=_replaced(self.layers, arrays, ""))
 
-    def save(self, path: str | Path, interface: Interface | None = None) -> None:
-        """Write the policy whole: a kill leaves the old file or the new one."""
-        write_bytes(path, self.to_bytes(interface))
-
-    def to_bytes(self, interface: Interface | None = None) -> bytes:
-        """Return the content of the policy's file."""
+    def _content(self) -> tuple[dict[str, Any], Arrays]:
         layers = [_described(layer) for layer in self.layers]
-        description: dict[str, Any] = {"format": FORMAT, "observed": self.observed}
-        description["layers"] = layers
-        if interface is not None:
-            description["interface"] = interface.model_dump(mode="json")
-        return content_of(description, self.arrays)
+        return {"format": FORMAT, "observed": self.observed, "layers": layers}, self.arrays
 
 
 def _named(layers: Sequence[Layer], prefix: str = "") -> Iterator[tuple[str, Single]]:

@@ -1,24 +1,22 @@
 """The law of value iteration: the stretch of least cost to come, looked up in a table."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from agents.network.files import Arrays, PolicyError, content_of, numbers
-from agents.network.interface import Interface, counted
+from agents.network.files import Arrays, FilePolicy, numbers
+from agents.network.interface import Interface
 from agents.value_table.kernel import NODES, choose
 from mm_gym.arrays import Array, Single
-from mm_gym.files import write_bytes
 from mm_gym.scene import Document
 
 
 @dataclass(frozen=True, eq=False)
-class TablePolicy:
+class TablePolicy(FilePolicy):
     """A table of the cost to come, over the motion and the stretch after a control step.
 
     In each step the stretches of the grid that are within reach are tried, and the ends of what is,
@@ -36,23 +34,11 @@ class TablePolicy:
     travel: float
     is_rate: bool
 
-    @property
-    def sizes(self) -> list[int]:
-        """Numbers of an observation and of an action."""
-        return [self.reads.shape[1] - 1, 1]
+    observed: int = field(init=False)
+    actions: int = field(init=False, default=1)
 
-    def check(self, observation: int, action: int, of: str = "the scene") -> None:
-        """Raise `PolicyError` unless observation and action have so many numbers."""
-        if self.sizes != [observation, action]:
-            msg = (
-                f"policy: got {counted(self.sizes[0], 'observed number')} and 1 action; "
-                f"{of} has {observation} and {action}"
-            )
-            raise PolicyError(msg)
-
-    def begin(self, lanes: int) -> Array:
-        """Return what is remembered (lanes, 0) in an episode: nothing."""
-        return np.zeros((lanes, 0))
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "observed", self.reads.shape[1] - 1)
 
     def step(self, observation: ArrayLike, memory: Array) -> tuple[Array, Array]:
         """Return the actions for observations, and the memory."""
@@ -74,16 +60,9 @@ class TablePolicy:
             action = 2.0 * chosen / (len(self.stretches) - 1) - 1.0
         return np.clip(action, -1.0, 1.0)[:, None]
 
-    def save(self, path: str | Path) -> None:
-        """Write the policy whole: a kill leaves the old file or the new one."""
-        write_bytes(path, self.to_bytes())
-
-    def to_bytes(self, interface: Interface | None = None) -> bytes:
-        """Return the content of the policy's file."""
+    def _content(self) -> tuple[dict[str, Any], Arrays]:
         description = {"format": 1} | {name: getattr(self, name) for name in NUMBERS}
-        if interface is not None:
-            description["interface"] = interface.model_dump(mode="json")
-        return content_of(description, {name: getattr(self, name) for name in ("after", *ARRAYS)})
+        return description, {name: getattr(self, name) for name in ("after", *ARRAYS)}
 
 
 ARRAYS = ("stretches", "squares", "moves", "cost", "reads")

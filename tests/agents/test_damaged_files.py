@@ -184,13 +184,15 @@ READERS = {
         lambda path: path.write_text("A\nB\nC IN UNITS OF G\nNPTS= 4, DT= .01 SEC\n.1 .2 .3 .4\n"),
         lambda path: read_record(path, unit="g").values.tolist(),
     ),
-    "network": Reader("policy.safetensors", NETWORK.save, lambda path: load_policy(path).sizes),
+    "network": Reader("policy.safetensors", NETWORK.save, lambda path: load_policy(path).observed),
     "old network": Reader(
         "policy.npz",
         lambda path: path.write_bytes(OLD.read_bytes()),
-        lambda path: load_policy(path).sizes,
+        lambda path: load_policy(path).observed,
     ),
-    "value table": Reader("policy.safetensors", TABLE.save, lambda path: load_policy(path).sizes),
+    "value table": Reader(
+        "policy.safetensors", TABLE.save, lambda path: load_policy(path).observed
+    ),
     "checkpoint": Reader("checkpoint.npz", write_checkpoint, read_checkpoint),
     "run": Reader("run.json", write_run, lambda path: run_of(path).read()["settings"]["task"]),
     "scene of a run": Reader("run.json", write_run, lambda path: run_of(path).scene().digest),
