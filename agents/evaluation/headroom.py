@@ -6,10 +6,10 @@ The committed scores, ``docs/task_scores.json``, are read within bounds.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self, cast
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from agents.control.controller import Controller
 from agents.control.feedback import Feedback
@@ -25,6 +25,7 @@ from agents.controllers.registry import entries
 from agents.controllers.tuned import best_law, classical_laws, designed, further_laws, makers
 from agents.evaluation.plans import Effort, Planner, Replanner
 from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate, written
+from agents.training.runs import checked
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.arrays import Array
 from mm_gym.files import read_json
@@ -90,15 +91,8 @@ def read_scores(path: Path = SCORES, tasks: Iterable[str] = ()) -> dict[str, dic
     Some tasks must be in it. Raise `SceneError` if the file cannot be read, is damaged, or lacks a
     task.
     """
-    data = read_json(path, most=MOST_BYTES)
-    try:
-        TypeAdapter(dict[str, TaskScores]).validate_python(data)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "its content"
-        msg = f"{path}: not a file of scores: {where}: {first['msg']}"
-        raise SceneError(msg) from None
-    scores = cast("dict[str, dict[str, Any]]", data)
+    scores: Any = read_json(path, most=MOST_BYTES)
+    checked(dict[str, TaskScores], scores, path, "a file of scores")
     for task in tasks:
         if task not in scores:
             msg = f"{path}: {task}: no scores; run: python -m agents headroom {task}"

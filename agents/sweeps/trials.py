@@ -36,7 +36,7 @@ from agents.training.config import (
     short_name,
 )
 from agents.training.parts import agent_of, recorded_parts
-from agents.training.runs import MOST_TOLD, NONE, Run, RunError, by_dotted_name, read_as
+from agents.training.runs import Run, RunError, by_dotted_name, differences, few, read_as
 from agents.value_iteration.iteration import IterateSettings, iterate
 from mm_gym import SceneError
 from mm_gym.errors import check_name, refuse
@@ -165,11 +165,9 @@ class SweepSettings(Document):
                 data = _nested([*data.items(), *_table(own, algorithm).items()])
             if algorithm not in SEARCHES:
                 _check_settings(algorithm, TrainSettings, data)
-                chosen = "ppo" if algorithm == RESIDUAL else algorithm
-                whole = TrainSettings.of({**data, **fixed, "algorithm": chosen})
-                for other in whole.unused:
-                    data.pop(other, None)
-                return TrainSettings.of({**data, **fixed, "algorithm": chosen})
+                data |= fixed | {"algorithm": "ppo" if algorithm == RESIDUAL else algorithm}
+                unused = TrainSettings.of(data).unused
+                return TrainSettings.of({k: v for k, v in data.items() if k not in unused})
             kind, _ = SEARCHES[algorithm]
             table = {key: value for key, value in data.items() if key not in LEARNERS}
             _check_settings(algorithm, kind, table)
@@ -312,17 +310,10 @@ def check_settings(trial: RunSettings, run: Run) -> None:
         asked = run.read()["settings"]
     # A setting that there was not yet had its default.
     before = by_dotted_name(_written(type(trial)())) | by_dotted_name(asked)
-    now = by_dotted_name(_written(trial))
-    unused = trial.unused
-    other = [
-        f"{name} {before.get(name, NONE)}, now {now.get(name, NONE)}"
-        for name in dict.fromkeys((*now, *before))
-        if before.get(name) != now.get(name) and name.partition(".")[0] not in unused
-    ]
+    other = differences(before, by_dotted_name(_written(trial)), trial.unused)
     if other:
-        told = "; ".join(other[:MOST_TOLD])
         msg = (
-            f"{run.folder}: holds a finished training with other settings ({told}); "
+            f"{run.folder}: holds a finished training with other settings ({few(other)}); "
             "allowed: the same; begin another sweep with --name, or move the folder away"
         )
         raise RunError(msg)

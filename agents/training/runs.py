@@ -8,7 +8,7 @@ import reprlib
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,7 +16,7 @@ from shutil import which
 from typing import Annotated, Any, TypeVar, cast
 
 from filelock import lock_descriptor
-from pydantic import BaseModel, Field, JsonValue, ValidationError
+from pydantic import BaseModel, Field, JsonValue, TypeAdapter, ValidationError
 
 from agents.training.config import RunSettings
 from mm_gym import Scene, SceneError
@@ -25,7 +25,7 @@ from mm_gym.files import delete_partial, open_lock, read_columns, read_json, rea
 from mm_gym.scene import with_absolute_records, with_relative_records
 
 Settings = TypeVar("Settings", bound="RunSettings")
-Contents = TypeVar("Contents", bound=BaseModel)
+Contents = TypeVar("Contents")
 
 PACKAGES = (
     "mm-gym",
@@ -209,10 +209,9 @@ class Run:
         """
         other = self._differences(settings)
         if other:
-            more = [f"{len(other) - MOST_TOLD} more"] if len(other) > MOST_TOLD else []
             msg = (
-                f"{self.folder}: holds a run with other settings "
-                f"({'; '.join(other[:MOST_TOLD] + more)}); choose another name with --name"
+                f"{self.folder}: holds a run with other settings ({few(other)}); "
+                "choose another name with --name"
             )
             raise RunError(msg)
         earlier: list[object] = []
@@ -250,14 +249,9 @@ class Run:
         if not os.path.lexists(self.record):
             return []
         record, identity = self.read(), _identity(settings)
-        before = by_dotted_name(record.get("settings", {}))
-        now = by_dotted_name(identity.pop("settings"))
+        before, now = record.get("settings", {}), identity.pop("settings")
         more = {name for name in settings.growing if _has_grown(before.get(name), now[name])}
-        found = [
-            f"{name} {before.get(name, NONE)}, now {now.get(name, NONE)}"
-            for name in dict.fromkeys((*now, *before))
-            if before.get(name) != now.get(name) and name not in more
-        ]
+        found = differences(by_dotted_name(before), by_dotted_name(now), more)
         return found + [WORDS[key] for key in identity if record.get(key) != identity[key]]
 
     def takes(self, settings: RunSettings) -> bool:
@@ -301,8 +295,13 @@ def read_as(kind: type[Contents], file: Path, what: str) -> Contents:
 
 def read_checked(kind: type[Contents], file: Path, what: str, most: int) -> Contents:
     """Return what a JSON file of at most so many bytes holds; raise `SceneError` as `read_as`."""
+    return checked(kind, read_json(file, most=most), file, what)
+
+
+def checked(kind: type[Contents], data: object, file: Path, what: str) -> Contents:
+    """Return the data of a file as what is wanted; raise `SceneError` with the first finding."""
     try:
-        return kind.model_validate(read_json(file, most=most))
+        return TypeAdapter(kind).validate_python(data)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "its content"
@@ -354,6 +353,21 @@ def by_dotted_name(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
             own = by_dotted_name(cast("dict[str, Any]", value), f"{name}.")
         found |= {f"{prefix}{key}": one for key, one in own.items()}
     return found
+
+
+def differences(before: dict[str, Any], now: dict[str, Any], apart: Container[str]) -> list[str]:
+    """Return what differs of settings by dotted name, in words, but for names or tables apart."""
+    return [
+        f"{name} {before.get(name, NONE)}, now {now.get(name, NONE)}"
+        for name in dict.fromkeys((*now, *before))
+        if before.get(name) != now.get(name) and name.partition(".")[0] not in apart
+    ]
+
+
+def few(found: list[str]) -> str:
+    """Return the first of several findings, and how many more there are."""
+    more = [f"{len(found) - MOST_TOLD} more"] if len(found) > MOST_TOLD else []
+    return "; ".join(found[:MOST_TOLD] + more)
 
 
 def _identity(settings: RunSettings) -> dict[str, Any]:
