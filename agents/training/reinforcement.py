@@ -12,8 +12,6 @@ from __future__ import annotations
 import json
 import signal
 import threading
-import time
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, cast
@@ -22,32 +20,27 @@ import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
-from tqdm import TqdmExperimentalWarning
 
 from agents.control.controller import joined, part
 from agents.network.files import check_shapes
-from agents.policies import policy_in
+from agents.policies import AnyPolicy, policy_in
 from agents.scoring import validation_cost
 from agents.training.algorithms import algorithm_class, make_model, policy_of
-from agents.training.arrays import Arrays, damage_named, load_checkpoint, save_checkpoint
+from agents.training.arrays import Arrays
 from agents.training.config import TrainSettings
 from agents.training.lanes import TrainingLanes, make_lanes
 from agents.training.own_scene import for_own_scene
 from agents.training.parts import Parts, make_parts
-from agents.training.progress import Ending, Progress, told_part
 from agents.training.runs import Run, RunError
-from agents.training.search import LOGS, VALIDATION
+from agents.training.search import LOGS, Log, Search
 from mm_gym.errors import refuse
-from mm_gym.files import write_bytes
 
 Report = Callable[[int, float], None]
 
-UNIT = "control step"  # what is counted
-CHECKPOINT_PERIOD = 60.0  # longest time of training [s] that a kill undoes, but for a rollout
+EPISODES_LOGGED = 4  # between two entries of the log of an algorithm with a replay buffer
 
 
 def train(
@@ -55,12 +48,9 @@ def train(
 ) -> None:
     """Train until steps or time are used up, and write the best policy to the run's folder.
 
-    An interrupted run continues from its last checkpoint, and Ctrl-C writes one. A finished run
-    goes on where the settings differ in that they have more steps or time. Raise `SceneError` or
-    `CompileError` if there is nothing to train on, `DependencyNotInstalled` if the algorithm needs
-    a package that is missing. No folder is made. Raise `RunError` if the folder holds another run,
-    another process trains it, or no validation had a finite cost; `OSError` if a file of the folder
-    cannot be written.
+    A finished run goes on where the settings differ in that they have more steps or time. Raise as
+    `Search.finish` does, and, before a folder is made, `SceneError` or `CompileError` if there is
+    nothing to train on, `DependencyNotInstalled` if the algorithm needs a package that is missing.
 
     Parameters
     ----------
@@ -71,14 +61,116 @@ def train(
     """
     algorithm_class(settings.algorithm)
     settings = for_own_scene(settings, run)
-    parts = make_parts(settings)
-    lanes = make_lanes(settings, parts)
-    with run.locked():
-        run.open(settings)
-        if not run.finished:
-            validation = Validation(settings, parts, run, report)
-            _train_in_lanes(validation, _normalised(settings, lanes), bar=bar)
-    lanes.close()
+    search = Reinforcement(settings, make_parts(settings), run, report)
+    search.finish(run, bar=bar)
+    search.model.env.close()
+
+
+class Reinforcement(Search):
+    """A training whose rounds are rollouts, counted in control steps.
+
+    Attributes
+    ----------
+    model
+        Of Stable-Baselines3, as the last rollout left it.
+    """
+
+    unit = "control step"
+    between_saves = 60.0  # a replay buffer may have hundreds of megabytes
+    is_compared = False
+    frames = 1
+
+    def __init__(
+        self, settings: TrainSettings, parts: Parts, run: Run, report: Report | None = None
+    ) -> None:
+        super().__init__(settings, parts.scene)
+        self.settings: TrainSettings = settings
+        self.parts, self.report, self.total = parts, report, settings.steps
+        self.began_as = str(settings.base) if parts.base else "an untrained network"
+        torch.set_num_threads(settings.threads)
+        lanes = _normalised(settings, make_lanes(settings, parts))
+        self.model: Any = make_model(settings, run.folder / LOGS, lanes)
+        self.is_light = isinstance(self.model, OnPolicyAlgorithm)
+        self.counts = settings.lanes * (self.model.n_steps if self.is_light else 1)
+
+    def _to_the_end(self, run: Run, *, bar: bool) -> None:
+        fresh = not run.checkpoint.exists()  # which holds lanes that have been reset
+        left, name = self.settings.steps - self.rounds, self.settings.algorithm
+        _, self.callback = self.model._setup_learn(left, None, fresh, name)  # noqa: SLF001
+        with self._gentle_interrupts():
+            super()._to_the_end(run, bar=bar)
+
+    @contextmanager
+    def _gentle_interrupts(self) -> Iterator[None]:
+        """Let a first Ctrl-C wait for the end of a round whose state is not noted at its start."""
+        if self.is_light or threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def note(*_: object) -> None:
+            self.interrupted = True
+            signal.signal(signal.SIGINT, before)
+
+        before = signal.signal(signal.SIGINT, note)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+    def _advance(self) -> None:
+        """Do what a pass of the loop in `learn` does."""
+        model = self.model
+        try:
+            if self.is_light:
+                model.collect_rollouts(
+                    model.env, self.callback, model.rollout_buffer, model.n_steps
+                )
+                done = self.rounds + self.counts, self.settings.steps
+                model._update_current_progress_remaining(*done)  # noqa: SLF001
+                model.dump_logs(done[0] // self.counts)
+                model.train()
+                return
+            model.collect_rollouts(
+                *(model.env, self.callback, model.train_freq, model.replay_buffer),
+                *(model.action_noise, model.learning_starts, EPISODES_LOGGED),
+            )
+            if model.num_timesteps > model.learning_starts:
+                model.train(model.gradient_steps, model.batch_size)
+        except ValueError as error:
+            if "of distribution" not in str(error):  # what torch says of a spread of 0 or nan
+                raise
+            name = self.settings.algorithm
+            msg = (
+                f"diverged before {self.unit} {model.num_timesteps}; "
+                f"a smaller {name}.learning_rate may help"
+            )
+            raise RunError(msg) from error
+
+    def _is_due(self) -> bool:
+        return self._has_passed(-(-self.settings.steps // self.settings.evaluations))
+
+    def _validate(self, log: Log) -> None:
+        super()._validate(log)
+        if self.report is not None and self.rounds:
+            self.report(self.rounds, float(self.progress.rows[-1, 2]))
+
+    def _cost(self, parameters: Arrays) -> float:
+        return validation_cost(self.scene, self.parts.controller(self._policy(parameters)))
+
+    def _present(self) -> Arrays:
+        return {"policy": np.frombuffer(policy_of(self.model).to_bytes(), np.uint8)}
+
+    def _policy(self, parameters: Arrays) -> AnyPolicy:
+        return policy_in(parameters["policy"].tobytes())
+
+    def _state(self) -> Arrays:
+        return state_of(self.model) if self.model._last_obs is not None else {}  # noqa: SLF001
+
+    def _restore(self, arrays: Arrays) -> None:
+        restore(self.model, arrays)
+        self.rounds = self.model.num_timesteps
+        if self.progress.best:
+            self.policy()
 
 
 def _normalised(settings: TrainSettings, lanes: VecEnv) -> VecEnv:
@@ -92,159 +184,6 @@ def _normalised(settings: TrainSettings, lanes: VecEnv) -> VecEnv:
         clip_obs=np.inf,  # clipping would keep it out of the policy's weights
         gamma=settings.chosen.discount,
     )
-
-
-def _train_in_lanes(validation: Validation, lanes: VecEnv, *, bar: bool) -> None:
-    """Train, and write the best policy; the run's lock is held."""
-    settings, run = validation.settings, validation.run
-    torch.set_num_threads(settings.threads)
-    model = make_model(settings, run.folder / LOGS, lanes)
-    if run.checkpoint.exists():
-        arrays = load_checkpoint(run.checkpoint)
-        with damage_named(run.checkpoint):
-            restore(model, arrays)
-            validation.progress = Progress.of(arrays)
-            if validation.progress.best:
-                policy_in(validation.progress.best["policy"].tobytes())
-    progress = validation.progress
-    if model.num_timesteps < settings.steps and progress.seconds < validation.budget:
-        learn(model, settings.steps - model.num_timesteps, validation, bar=bar)
-    progress.write_metrics(run)
-    progress.require_best(run)
-    parts, untrained = validation.parts, "an untrained network"
-    Ending.of(
-        progress,
-        parts.scene,
-        unit=UNIT,
-        done=model.num_timesteps,
-        total=settings.steps,
-        time_budget=settings.time_budget if model.num_timesteps < settings.steps else None,
-        began_as=untrained if parts.base is None else settings.base,
-    ).write(run)
-    write_bytes(run.policy, progress.best["policy"].tobytes())
-
-
-def learn(model: BaseAlgorithm, steps: int, validation: Validation, *, bar: bool) -> None:
-    """Train for so many more steps."""
-    drawn = ProgressBarCallback()
-    fresh = not validation.run.checkpoint.exists()  # which holds lanes that have been reset
-    with warnings.catch_warnings(), _gentle_interrupts(model, validation):
-        # Stable-Baselines3's progress bar is tqdm's rich one, which calls itself experimental.
-        warnings.simplefilter("ignore", TqdmExperimentalWarning)
-        try:
-            model.learn(
-                steps,
-                callback=[validation, drawn] if bar else validation,
-                reset_num_timesteps=fresh,
-                tb_log_name=validation.settings.algorithm,
-            )
-        except KeyboardInterrupt:
-            validation.save()
-            done = told_part(model.num_timesteps, validation.settings.steps, UNIT)
-            raise KeyboardInterrupt(done) from None
-        except ValueError as error:
-            if "of distribution" not in str(error):  # what torch says of a spread of 0 or nan
-                raise
-            done, name = model.num_timesteps, validation.settings.algorithm
-            msg = f"diverged before {UNIT} {done}; a smaller {name}.learning_rate may help"
-            raise RunError(msg) from error
-        finally:
-            # Left open, the garbage collector closes it, perhaps in the thread that draws it.
-            if hasattr(drawn, "pbar"):
-                drawn.pbar.close()
-
-
-@contextmanager
-def _gentle_interrupts(model: BaseAlgorithm, validation: Validation) -> Iterator[None]:
-    """Let a first Ctrl-C wait for the end of a step where copying the state takes long.
-
-    With a replay buffer no copy is kept of the state at the rollout's start.
-    """
-    own = threading.current_thread() is threading.main_thread()
-    if isinstance(model, OnPolicyAlgorithm) or not own:
-        yield
-        return
-
-    def note(*_: object) -> None:
-        validation.interrupted = True
-        signal.signal(signal.SIGINT, before)
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-class Validation(BaseCallback):
-    """Score the policy on the validation episodes and keep the best one.
-
-    Also writes the checkpoint, and stops the training when the time is up.
-    """
-
-    def __init__(
-        self, settings: TrainSettings, parts: Parts, run: Run, report: Report | None = None
-    ) -> None:
-        super().__init__()
-        self.settings, self.parts, self.run, self.report = settings, parts, run, report
-        self.progress = Progress()
-        self.every = -(-settings.steps // settings.evaluations)
-        self.budget = np.inf if settings.time_budget is None else settings.time_budget
-        self.state: Arrays | None = None
-        self.interrupted = self.out_of_time = False
-
-    def _on_training_start(self) -> None:
-        self.saved = time.perf_counter()
-        self.began = self.saved - self.progress.seconds
-        self.next = self.every * (self.num_timesteps // self.every + 1)
-        if not len(self.progress.rows):
-            self._validate()
-
-    def _on_rollout_start(self) -> None:
-        validates = self.num_timesteps >= self.next
-        if validates:
-            self.next = self.every * (self.num_timesteps // self.every + 1)
-            self._validate()
-        now = time.perf_counter()
-        self.progress.seconds = now - self.began
-        self.out_of_time = self.progress.seconds >= self.budget
-        late = now - self.saved >= CHECKPOINT_PERIOD
-        saves = validates or late or self.interrupted
-        if saves or self.out_of_time or isinstance(self.model, OnPolicyAlgorithm):
-            self.state = state_of(self.model) | self.progress.arrays()
-        if self.interrupted:
-            raise KeyboardInterrupt
-        if saves:
-            self.save()
-
-    def _on_step(self) -> bool:
-        return not self.out_of_time
-
-    def _on_training_end(self) -> None:
-        self._validate()
-        if self.state is None or not self.out_of_time:
-            self.state = state_of(self.model)
-        self.state |= self.progress.arrays()
-        self.save()
-
-    def _validate(self) -> None:
-        policy = policy_of(self.model)
-        agent = self.parts.controller(policy)
-        cost = validation_cost(self.parts.scene, agent)
-        self.logger.record(VALIDATION, cost)
-        if cost < self.progress.least_cost:
-            self.progress.best = {"policy": np.frombuffer(policy.to_bytes(), np.uint8)}
-        self.progress.seconds = time.perf_counter() - self.began
-        self.progress.add(self.num_timesteps, cost)
-        if self.report is not None and self.num_timesteps:
-            self.report(self.num_timesteps, cost)
-
-    def save(self) -> None:
-        """Write the state at the start of this rollout, if any has begun."""
-        if self.state is not None:
-            save_checkpoint(self.run.checkpoint, self.state)
-            self.progress.write_metrics(self.run)
-        self.saved = time.perf_counter()
 
 
 REPLAYED = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")

@@ -73,20 +73,19 @@ class Log:
         self._records.write(event.SerializeToString())
 
 
-BETWEEN_SAVES = 5.0  # time between checkpoints [s]
-
-
 class Search(ABC):
     """A search that validates the policy it has come to, and keeps the best.
 
     Attributes
     ----------
     unit
-        The name of a round.
+        The name of what is counted, as of a round.
     rounds
         Those that are done.
+    counts
+        How many a round counts for.
     frames
-        Control steps of a round.
+        Control steps of one.
     progress
         The validations.
     began_as
@@ -99,6 +98,11 @@ class Search(ABC):
     """
 
     unit: ClassVar[str]
+    between_saves: ClassVar[float] = 5.0  # longest time between checkpoints [s]
+    is_compared: ClassVar[bool] = True  # whether a controller that costs less takes its place
+    is_light: bool = True  # whether its state is noted in every round, as copies cost little
+    interrupted: bool = False  # whether it stops after this round, as Ctrl-C asks
+    counts: int = 1
     frames: int
     began_as: str
     worst: float = 1.0
@@ -178,28 +182,13 @@ class Search(ABC):
         progress, total = self.progress, self.total
         counted = None if math.isinf(total) else int(total)
         began = time.perf_counter() - progress.seconds
-        saved, done = progress.seconds, self.rounds >= total
-        budget = math.inf if self.settings.time_budget is None else self.settings.time_budget
         shown = tqdm(total=counted, initial=self.rounds, unit=self.unit, disable=not bar)
         with shown, Log(run.folder) as log:
             if not len(progress.rows):
                 self._validate(log)
             self._note()
             try:
-                while not done:
-                    self._advance()
-                    self.rounds += 1
-                    shown.update()
-                    progress.seconds = time.perf_counter() - began
-                    done = progress.seconds >= budget or self.rounds == total
-                    log.add(self.rounds * self.frames, self._told())
-                    if done or self._is_due():
-                        self._validate(log)
-                        shown.set_postfix(cost=f"{progress.least_cost:.4f}")
-                    self._note()
-                    if done or progress.seconds > saved + BETWEEN_SAVES:
-                        self._save(run)
-                        saved = progress.seconds
+                self._search(run, log, shown, began)
             except KeyboardInterrupt:
                 self._save(run)
                 raise KeyboardInterrupt(told_part(self.rounds, counted, self.unit)) from None
@@ -216,14 +205,14 @@ class Search(ABC):
             time_budget=self.settings.time_budget if self.rounds < total else None,
             began_as=self.began_as,
         )
-        if self.settings.scene is not None:
+        if self.is_compared and self.settings.scene is not None:
             if bar:  # the search seems to hang otherwise
                 tqdm.write(
                     "comparing with the classical controllers, for a minute or two", sys.stderr
                 )
             best = best_controller(self.scene, worst=self.worst)
             ending.controller, ending.controller_cost = best
-        if ending.is_worse and getattr(self.settings, "base", None) is None:
+        if self.is_compared and ending.is_worse and getattr(self.settings, "base", None) is None:
             without = without_control(self.scene)
             if validation_cost(self.scene, Learned(without), self.worst) < progress.least_cost:
                 policy, ending.replaced = without, True
@@ -231,11 +220,40 @@ class Search(ABC):
         ending.write(run)
         policy.save(run.policy)
 
+    def _search(self, run: Run, log: Log, shown: tqdm, began: float) -> None:
+        """Do all rounds that are left, and validate; it began at a time of the clock [s]."""
+        progress, saved = self.progress, self.progress.seconds
+        budget = math.inf if self.settings.time_budget is None else self.settings.time_budget
+        done = progress.seconds >= budget or self.rounds >= self.total
+        while not done:
+            self._advance()
+            self.rounds += self.counts
+            shown.update(self.counts)
+            progress.seconds = time.perf_counter() - began
+            done = progress.seconds >= budget or self.rounds >= self.total
+            if told := self._told():
+                log.add(self.rounds * self.frames, told)
+            if due := done or self._is_due():
+                self._validate(log)
+                shown.set_postfix(cost=f"{progress.least_cost:.4f}")
+            saves = due or progress.seconds > saved + self.between_saves
+            if saves or self.interrupted or self.is_light:
+                self._note()
+            if saves:
+                self._save(run)
+                saved = progress.seconds
+            if self.interrupted:
+                raise KeyboardInterrupt
+
     def _is_due(self) -> bool:
         """Tell whether a validation is due: each so many rounds, or each part of the time."""
         if self.settings.time_budget is None:
-            return self.rounds % -(-self.total // self.settings.evaluations) == 0
+            return self._has_passed(-(-self.total // self.settings.evaluations))
         return self.done * self.settings.evaluations >= len(self.progress.rows)
+
+    def _has_passed(self, every: float) -> bool:
+        """Tell whether the last round came to, or went beyond, a multiple of so many."""
+        return self.rounds // every > (self.rounds - self.counts) // every
 
     def _validate(self, log: Log) -> None:
         present, steps = self._present(), self.rounds * self.frames

@@ -15,9 +15,9 @@ from agents.scoring import evaluate
 from agents.training import reinforcement
 from agents.training.algorithms import CLASSES, make_model, policy_of
 from agents.training.config import TrainSettings
-from agents.training.lanes import make_lanes
+from agents.training.lanes import TrainingLanes, make_lanes
 from agents.training.parts import make_parts
-from agents.training.reinforcement import Validation, learn, train
+from agents.training.reinforcement import Reinforcement, train
 from agents.training.runs import Run, RunError
 
 ALGORITHMS = list(CLASSES)
@@ -94,15 +94,15 @@ def test_killed_training_continues_bitwise(algorithm, tmp_path, monkeypatch):
     )
     whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")
     train(settings, whole, bar=False)
-    validate = Validation._validate
+    validate = Reinforcement._validate
 
-    def die(validation):
-        if validation.num_timesteps >= 600:
+    def die(search, log):
+        if search.rounds >= 600:
             raise Killed
-        validate(validation)
+        validate(search, log)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Validation, "_validate", die)
+        patch.setattr(Reinforcement, "_validate", die)
         with pytest.raises(Killed):
             train(settings, broken, bar=False)
     assert not broken.finished
@@ -132,17 +132,17 @@ def test_ctrl_c_of_an_off_policy_training_waits_for_the_step_and_loses_nothing(t
     settings = tiny("sac", steps=600)
     whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")
     train(settings, whole, bar=False)
-    step, left = Validation._on_step, 37
+    step, left = TrainingLanes.step_wait, 37
 
-    def interrupt(validation):
+    def interrupt(lanes):
         nonlocal left
         left -= 1
         if left == 0:
             signal.raise_signal(signal.SIGINT)
-        return step(validation)
+        return step(lanes)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Validation, "_on_step", interrupt)
+        patch.setattr(TrainingLanes, "step_wait", interrupt)
         with pytest.raises(KeyboardInterrupt):
             train(settings, broken, bar=False)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -187,10 +187,6 @@ def test_training_around_a_law_does_not_lose_it(tmp_path):
     assert learned.cost < 0.7 * still.cost
 
 
-def test_learn_without_a_bar_prints_nothing(tmp_path, capsys):
-    settings = tiny("ppo", steps=80, evaluations=1)
-    run = Run("tiny", tmp_path)
-    run.folder.mkdir()
-    model, parts = model_of(settings, tmp_path), make_parts(settings)
-    learn(model, 80, Validation(settings, parts, run), bar=False)
-    assert capsys.readouterr().out == ""
+def test_training_without_a_bar_prints_nothing(tmp_path, capsys):
+    train(tiny("ppo", steps=80, evaluations=1), Run("tiny", tmp_path), bar=False)
+    assert capsys.readouterr() == ("", "")

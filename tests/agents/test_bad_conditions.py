@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from agents.commands import train as command
-from agents.training import reinforcement
+from agents.training import search
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings
+from agents.training.lanes import TrainingLanes
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
 
@@ -73,7 +74,7 @@ def test_disk_that_fills_up_in_the_middle_keeps_the_last_checkpoint(
     uninterrupted, tmp_path, monkeypatch
 ):
     run, left = Run("small", tmp_path), 3
-    save = reinforcement.save_checkpoint
+    save = search.save_checkpoint
 
     def fill(path, arrays):
         nonlocal left
@@ -83,7 +84,7 @@ def test_disk_that_fills_up_in_the_middle_keeps_the_last_checkpoint(
         save(path, arrays)
 
     with monkeypatch.context() as patch:
-        patch.setattr(reinforcement, "save_checkpoint", fill)
+        patch.setattr(search, "save_checkpoint", fill)
         with pytest.raises(OSError, match="No space left"):
             train(SMALL, run, bar=False)
     assert int(load_checkpoint(run.checkpoint)["model/steps"]) == 240
@@ -114,9 +115,9 @@ def test_second_ctrl_c_does_not_wait(tmp_path, monkeypatch):
     settings = TrainSettings(
         task=SMALL.task, name="small", lanes=8, steps=800, algorithm="sac", evaluations=1
     )
-    step, left = reinforcement.Validation._on_step, 3
+    step, left = TrainingLanes.step_wait, 3
 
-    def interrupt(validation):
+    def interrupt(lanes):
         nonlocal left
         left -= 1
         if left == 0:
@@ -124,9 +125,9 @@ def test_second_ctrl_c_does_not_wait(tmp_path, monkeypatch):
             signal.raise_signal(signal.SIGINT)
             msg = "the second signal was not delivered"
             raise AssertionError(msg)
-        return step(validation)
+        return step(lanes)
 
-    monkeypatch.setattr(reinforcement.Validation, "_on_step", interrupt)
+    monkeypatch.setattr(TrainingLanes, "step_wait", interrupt)
     with pytest.raises(KeyboardInterrupt):
         train(settings, Run("small", tmp_path), bar=False)
 

@@ -295,11 +295,11 @@ def test_disk_that_is_too_full_for_a_study_is_named_in_one_line(monkeypatch):
 
 
 INTERRUPTED = {
-    "train": "agents.training.reinforcement.Validation._on_step",
+    "train": "agents.training.reinforcement.Reinforcement._advance",
     "evolve": "agents.evolution.search.Evolution._advance",
     "descend": "agents.gradient.descent.Descent._advance",
     "iterate": "agents.value_iteration.iteration.ValueIteration._advance",
-    "tune": "agents.training.reinforcement.Validation._on_step",
+    "tune": "agents.training.reinforcement.Reinforcement._advance",
     "sweep": "agents.commands.sweep.work_here",
     "evaluate": "agents.commands.evaluate.evaluate",
 }

@@ -22,9 +22,9 @@ from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED
 from agents.training import runs
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings, training_seeds
-from agents.training.lanes import make_lanes
+from agents.training.lanes import TrainingLanes, make_lanes
 from agents.training.parts import Parts
-from agents.training.reinforcement import Validation, train
+from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError, numbered
 from mm_gym import MovingMassVectorEnv, SceneError
 
@@ -149,17 +149,17 @@ class TestInterrupts:
     def test_run_interrupted_within_any_rollout_ends_as_if_uninterrupted(
         self, uninterrupted, tmp_path, monkeypatch
     ):
-        run, step = Run("tiny", tmp_path), Validation._on_step
+        run, step = Run("tiny", tmp_path), TrainingLanes.step_wait
         left = 0
 
-        def interrupt(validation):
+        def interrupt(lanes):
             nonlocal left
             left -= 1
             if left == 0:
                 raise KeyboardInterrupt
-            return step(validation)
+            return step(lanes)
 
-        monkeypatch.setattr(Validation, "_on_step", interrupt)
+        monkeypatch.setattr(TrainingLanes, "step_wait", interrupt)
         reached = []
         for left in (3, 120, 60, 170, 0):
             if left == 0:
