@@ -218,10 +218,8 @@ def _episodes(rollout: Rollout) -> Episodes:
 def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     """Search until generations or time are used up, and write the best policy to the run's folder.
 
-    An interrupted run continues from its last checkpoint; Ctrl-C writes one. A finished run goes on
-    where the settings differ in that they have more generations or time. Raise `SceneError`,
-    `CompileError` or `DesignError` if there is nothing to search on, or the law does not apply. No
-    folder is made. Raise `RunError` if the folder holds another run, or another process uses it.
+    Raise as `Search.finish` does, and, before a folder is made, `SceneError`, `CompileError` or
+    `DesignError` if there is nothing to search on, or the law does not apply.
     """
     search = Evolution(settings, settings.rewarded_scene())
     with closing(search):

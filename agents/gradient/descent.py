@@ -41,10 +41,8 @@ BIASES = ("bias", "last")
 def descend(settings: GradientSettings, run: Run, *, bar: bool = True) -> None:
     """Train until iterations or time are used up, and write the best policy to the run's folder.
 
-    An interrupted run continues from its last checkpoint; Ctrl-C writes one. Raise `SceneError`,
-    `CompileError` or `DesignError` if there is nothing to search on, or the law or gradients do not
-    apply. No folder is made. Raise `RunError` if the folder holds another run, or another process
-    uses it.
+    Raise as `Search.finish` does, and, before a folder is made, `SceneError`, `CompileError` or
+    `DesignError` if there is nothing to search on, or the law or gradients do not apply.
     """
     search = Descent
     if settings.cell:

@@ -109,7 +109,8 @@ def problem_of(scene: Scene, stretches: int, sizes: int) -> Problem:
     shown = Shown(scene)
     obstacles = [*_obstacles(scene, shown), *_obstacles_of_excitation(scene)]
     if obstacles:
-        raise DesignError("\n".join(obstacles))
+        lines = (f"{got} allowed for value iteration: {allowed}" for got, allowed in obstacles)
+        raise DesignError("\n".join(lines))
     actuators = Actuators(scene)
     low, high = actuators.low[-1], actuators.high[-1]
     grid = np.linspace(low, high, stretches)
@@ -166,63 +167,48 @@ def _random_impulses(scene: Scene) -> list[Part]:
     return [part for part in scene.excitation if part.kind == "impulse" and part.rate > 0.0]
 
 
-def _obstacles(scene: Scene, shown: Shown) -> Iterator[str]:
-    """Yield what keeps value iteration from solving a scene: where, what there is, what may be."""
+def _obstacles(scene: Scene, shown: Shown) -> Iterator[tuple[str, str]]:
+    """Yield what keeps value iteration from solving a scene, with what is allowed there."""
     plant, objective, actuator = compile_scene(scene), scene.objective, scene.actuation.stretch
     if scene.actuation.force is not None:
-        yield "actuation.force: allowed for value iteration: none; it tunes the stretch alone"
+        yield "actuation.force:", "none; it tunes the stretch alone"
     if scene.randomization:
-        drawn = ", ".join(scene.randomization)
-        yield f"randomization: got {drawn}; allowed for value iteration: none"
+        yield f"randomization: got {', '.join(scene.randomization)};", "none"
     elif plant.kind != "parametric linear":
-        yield (
-            f"scene: got a {plant.kind} plant; allowed for value iteration: linear at every stretch"
-        )
+        yield f"scene: got a {plant.kind} plant;", "linear at every stretch"
     if scene.own_reward is not None:
-        yield (
-            f"reward: got {scene.own_reward.name}; allowed for value iteration: the scene's "
-            "objective; its grid needs a cost that grows with the square of the motion"
-        )
+        quadratic = "its grid needs a cost that grows with the square of the motion"
+        yield f"reward: got {scene.own_reward.name};", f"the scene's objective; {quadratic}"
     limits = objective.displacement_limit, objective.rail_half_length
     if objective.effort_weight > 0.0 or any(limits):
-        yield (
-            "objective: allowed for value iteration: no effort_weight, displacement_limit and "
-            "rail_half_length; the cost is a quadratic form of the state"
-        )
+        none = "no effort_weight, displacement_limit and rail_half_length"
+        yield "objective:", f"{none}; the cost is a quadratic form of the state"
     if actuator.lag > 0.0:
-        yield f"actuation.stretch.lag: got {actuator.lag:g} s; allowed for value iteration: 0"
+        yield f"actuation.stretch.lag: got {actuator.lag:g} s;", "0"
     exact = shown.stretch() is not None and np.linalg.matrix_rank(shown.state) == len(RELATIVE)
     wrong = any(channel.noise for channel in plant.observed) or any(scene.sensors.bias.values())
     if not exact or wrong or plant.delay or scene.sensors.dropout:
-        yield (
-            "sensors: allowed for value iteration: channels that show the whole state and the "
-            "stretch, without noise, bias, delay and dropout"
-        )
+        shows = "channels that show the whole state and the stretch"
+        yield "sensors:", f"{shows}, without noise, bias, delay and dropout"
 
 
-def _obstacles_of_excitation(scene: Scene) -> Iterator[str]:
+def _obstacles_of_excitation(scene: Scene) -> Iterator[tuple[str, str]]:
     others = sorted({part.kind for part in scene.excitation} - {"impulse"})
     if others:
-        yield f"excitation: got {', '.join(others)}; allowed for value iteration: impulse, or none"
+        yield f"excitation: got {', '.join(others)};", "impulse, or none"
     times = [part.time for part in scene.excitation if part.kind == "impulse" and part.time]
     if times:
-        yield (
-            f"excitation: got an impulse at {times[0]:g} s; allowed for value iteration: at random "
-            "times or at 0; its law does not know the time"
-        )
+        allowed = "at random times or at 0; its law does not know the time"
+        yield f"excitation: got an impulse at {times[0]:g} s;", allowed
     often = sum(part.rate for part in _random_impulses(scene)) * scene.control.time_step
     if often > RARE:
-        yield (
-            f"excitation: got {often:.3g} impulses in a control step on average; "
-            f"allowed for value iteration: at most {RARE:g}"
-        )
+        got = f"excitation: got {often:.3g} impulses in a control step on average;"
+        yield got, f"at most {RARE:g}"
     sizes = [part.size for part in _random_impulses(scene)]
     lopsided = [size for size in sizes if np.sum(size) != 0.0]
     if lopsided:
-        yield (
-            f"excitation: got random impulses of size {lopsided[0]}; allowed for value iteration: "
-            "[-x, x], so that the mirrored motion costs the same"
-        )
+        got = f"excitation: got random impulses of size {lopsided[0]};"
+        yield got, "[-x, x], so that the mirrored motion costs the same"
 
 
 BETWEEN = 20
@@ -232,9 +218,8 @@ BETWEEN = 20
 def iterate(settings: IterateSettings, run: Run, *, bar: bool = True) -> None:
     """Iterate until sweeps or time are used up, and write the best policy to the run's folder.
 
-    An interrupted run continues from its last checkpoint; Ctrl-C writes one. Raise `SceneError`,
-    `CompileError` or `DesignError` if the scene is not one that it solves. No folder is made. Raise
-    `RunError` if the folder holds another run, or another process uses it.
+    Raise as `Search.finish` does, and, before a folder is made, `SceneError`, `CompileError` or
+    `DesignError` if the scene is not one that it solves.
     """
     ValueIteration(settings, settings.rewarded_scene()).finish(run, bar=bar)
 
