@@ -65,6 +65,11 @@ class Evaluation:
         return float(np.sqrt(np.mean(self.displacement**2)))
 
     @property
+    def mean_injected(self) -> float | None:
+        """Mean of `injected` over the episodes [J], or None."""
+        return None if self.injected is None else float(self.injected.mean())
+
+    @property
     def episode_rms(self) -> Array:
         """(episodes,) the same of each episode [-]."""
         return np.sqrt(np.mean(self.displacement**2, axis=0))

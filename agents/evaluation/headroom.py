@@ -282,8 +282,8 @@ def row_of(role: str, result: Evaluation) -> Row:
     """Return the row of what a controller did on the held-out episodes."""
     low, high = interval(result.penalties)
     values = {"cost": result.cost, "low": low, "high": high, "displacement": result.rms}
-    if result.injected is not None:
-        values["injected"] = float(result.injected.mean())
+    if result.mean_injected is not None:
+        values["injected"] = result.mean_injected
     told = {"role": role, "controller": result.name, "reads": result.reads}
     return told | written(values)
 

@@ -114,11 +114,9 @@ def write_scores(results: Sequence[Evaluation], path: Path) -> None:
                 "ratio to reference [-]": result.cost / reference if reference else nan,
                 "rms of x1 / scale [-]": result.rms,
                 "mean return [-]": result.returns.mean(),
-                "mean energy injected [J]": ""
-                if result.injected is None
-                else result.injected.mean(),
+                "mean energy injected [J]": "" if energy is None else energy,
             }
-            for result in results
+            for result, energy in ((one, one.mean_injected) for one in results)
         ),
     )
 

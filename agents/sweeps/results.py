@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
@@ -21,7 +21,7 @@ from agents.controllers.with_observer import WithObserver
 from agents.evaluation.aggregates import Estimate, interquartile_mean, proportion, shared_episodes
 from agents.evaluation.headroom import CLASSICAL, SCORES, Cost, read_scores
 from agents.evaluation.rigs import CONTROLLERS, read_robustness, task_of, variant_of
-from agents.scoring import evaluate, validation_cost
+from agents.scoring import Evaluation, evaluate, validation_cost
 from agents.sweeps.trials import (
     EPISODES,
     LEARNERS,
@@ -298,15 +298,9 @@ def _observed(placed: Training, scene: Scene, run: Run) -> Training:
     parts = recorded_parts(load_scene(task_of(placed.task)), record["settings"], trust=True)
     agent = WithObserver(scene, agent_of(run, parts))
     result = evaluate(scene, agent, episodes=EPISODES)
-    return placed.model_copy(
-        update={
-            "injected": None if result.injected is None else float(result.injected.mean()),
-            "episodes": _short(result.episode_costs),
-            "cost": result.cost,
-            "validation": _short([validation_cost(scene, agent)]),
-            "seconds": placed.seconds[-1:],
-        }
-    )
+    update = _held_out(result) | {"cost": result.cost, "seconds": placed.seconds[-1:]}
+    update["validation"] = _short([validation_cost(scene, agent)])
+    return placed.model_copy(update=update)
 
 
 def _digest(trial: RunSettings) -> str:
@@ -326,6 +320,11 @@ def known_names(results: Results, trials: Iterable[RunSettings]) -> set[str]:
         for one in trials
         if (one.task, algorithm_of(one), one.seed, _digest(one), scenes.get(one.task)) in rows
     }
+
+
+def _held_out(result: Evaluation) -> dict[str, Any]:
+    """Return what `Scored` keeps of an evaluation."""
+    return {"injected": result.mean_injected, "episodes": _short(result.episode_costs)}
 
 
 def _short(values: Iterable[float]) -> list[float]:
@@ -378,10 +377,9 @@ def with_references(results: Results) -> Results:
             Reference(
                 task=task,
                 scene_digest=scene.digest,
-                injected=None if result.injected is None else float(result.injected.mean()),
-                episodes=_short(result.episode_costs),
                 controller=result.name,
                 validation=_short([validation_cost(scene, controller)])[0],
+                **_held_out(result),
                 **listed,
             )
         )

@@ -291,7 +291,7 @@ def _scored_training(settings: RunSettings, run: Run) -> Score:
     return Score(
         cost=found.cost,
         episodes=found.episode_costs.tolist(),
-        injected=None if found.injected is None else float(found.injected.mean()),
+        injected=found.mean_injected,
         asked=_written(settings),
     )
 
