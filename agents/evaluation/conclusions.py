@@ -34,32 +34,30 @@ CHOSEN = "best classical controller"
 class Row:
     """What one controller did on one task."""
 
-    # label, reads: of the controller
-    label: str
+    controller: str  # its label
     reads: Reads
     trainings: int  # number of trainings with a seed of their own; 1 for all others
     cost: Estimate  # root of the mean penalty of all episodes [-]
     # s = (J_constant - J) / (J_constant - J_best found) [-], or None where no best is known.
     score: Estimate | None
-    # worst, tail: the largest cost of an episode, and that of the worst tenth of them (CVaR) [-]
-    worst: float
-    tail: float
+    worst_episode: float  # the largest cost of an episode [-]
+    worst_tenth: float  # the cost of the worst tenth of them (CVaR) [-]
     # Cost over that of the task's reference in the same episodes, less 1 [-]; negative is better.
     # None for the reference itself, see `TaskResult.compared`, and where it may cost nothing.
     change: Estimate | None
-    won: float  # fraction of the episodes that cost less than with the reference [-]
+    episodes_won: float  # fraction of them that cost less than with the reference [-]
 
 
 @dataclass(frozen=True, eq=False)
 class Overall:
     """What one controller did on all tasks."""
 
-    label: str  # of the controller
-    mean: Estimate  # interquartile mean of its scores
+    controller: str  # its label
+    interquartile_mean: Estimate  # of its scores
+    probability_of_improvement: Mapping[str, float]  # over another, by that one's label
     # (thresholds, 3): the fraction of its scores that is greater than each of `THRESHOLDS`, with
     # the ends of the 95 % interval.
     profile: Array
-    improvement: Mapping[str, float]  # label -> probability that it does better than another
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,15 +127,15 @@ def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
             sample, k, reference, drawn, lambda own, other: np.sqrt(own / other) - 1.0
         )
     return Row(
-        label=result.labels[k],
+        controller=result.labels[k],
         reads=result.reads[k],
         trainings=len(own) if sample.trained[k] else 1,
         cost=cost_estimate(sample, k, drawn),
         score=score,
-        worst=float(np.sqrt(own.max())),
-        tail=float(np.sqrt(tail_mean(own.ravel()))),
+        worst_episode=float(np.sqrt(own.max())),
+        worst_tenth=float(np.sqrt(tail_mean(own.ravel()))),
         change=change,
-        won=float((own < other).mean()),
+        episodes_won=float((own < other).mean()),
     )
 
 
@@ -179,8 +177,8 @@ def _overall(
     trained = {label: bool(first.trained[rows[0]]) for label, rows in indices.items()}
     found = [
         Overall(
-            label=label,
-            mean=estimate(
+            controller=label,
+            interquartile_mean=estimate(
                 float(interquartile_mean(own)),
                 interquartile_mean(drawn[label]),
                 own,
@@ -189,7 +187,7 @@ def _overall(
                 episodes=first.penalties.shape[2],
             ),
             profile=_profile(own, drawn[label]),
-            improvement={
+            probability_of_improvement={
                 other: float(probability_of_improvement(own, scores[other]))
                 for other in scores
                 if other != label
@@ -197,7 +195,7 @@ def _overall(
         )
         for label, own in scores.items()
     ]
-    return sorted(found, key=lambda one: -one.mean.value)
+    return sorted(found, key=lambda one: -one.interquartile_mean.value)
 
 
 def _profile(scores: Array, drawn: Array) -> Array:

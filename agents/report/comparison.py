@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from agents.evaluation.aggregates import Estimate
-from agents.evaluation.conclusions import THRESHOLDS, Comparison, Row
+from agents.evaluation.conclusions import THRESHOLDS, Comparison, Overall, Row
 from agents.evaluation.studies import TaskResult
 from agents.report.charts import LINE, draw, frequency, robustness
 from agents.report.pages import not_scored_cells, percent, print_table, render, write_rows
@@ -50,12 +50,12 @@ def print_comparison(comparison: Comparison) -> None:
         without = [(cell,) for cell in not_scored_cells(result.not_scored)]
         print_table(result.task, header, [*rows, *without])
     if comparison.overall:
-        means = [(one.label, *_two(one.mean, 4)) for one in comparison.overall]
+        means = [(one.controller, *_two(one.interquartile_mean, 4)) for one in comparison.overall]
         print_table("all tasks", OVERALL, means)
     if len(comparison.results) == 1 and len(comparison.results[0].labels) > 1:
         (result,) = comparison.results
         rows = comparison.tables[result.task]
-        paired = [(row.label, *paired_cells(row)) for row in rows if row.change is not None]
+        paired = [(row.controller, *paired_cells(row)) for row in rows if row.change is not None]
         print_table(f"in the same episodes as {against(result)}", PAIRED, paired)
     Console().print(episodes_in_words(comparison), highlight=False)
 
@@ -66,7 +66,7 @@ def _have_scores(rows: Sequence[Row]) -> bool:
 
 
 def _printed_cells(row: Row) -> tuple[str, ...]:
-    label = row.label + (f", {row.trainings} seeds" if row.trainings > 1 else "")
+    label = row.controller + (f", {row.trainings} seeds" if row.trainings > 1 else "")
     label += "" if row.reads == "observation" else f" ({row.reads})"
     score = () if row.score is None else _two(row.score, 2)
     return (label, *_two(row.cost, 3), *score)
@@ -83,7 +83,7 @@ def paired_cells(row: Row) -> tuple[str, str, str]:
         return "", "", ""
     # Adding 0 makes -0 a 0.
     value, low, high = (f"{round(100.0 * number, 1) + 0.0:+.1f} %" for number in row.change)
-    return value, f"{low} to {high}", percent(row.won)
+    return value, f"{low} to {high}", percent(row.episodes_won)
 
 
 def _two(found: Estimate, digits: int) -> tuple[str, str]:
@@ -193,18 +193,18 @@ def _scores(comparison: Comparison) -> Iterator[dict[str, object]]:
             score = row.score or none
             yield {
                 "task": task,
-                "controller": row.label,
+                "controller": row.controller,
                 "reads": row.reads,
                 "trainings": row.trainings,
                 **{f"cost{name} [-]": end for name, end in zip(names, row.cost, strict=True)},
                 **{f"score{name} [-]": end for name, end in zip(names, score, strict=True)},
-                "worst episode [-]": row.worst,
-                "worst tenth [-]": row.tail,
+                "worst episode [-]": row.worst_episode,
+                "worst tenth [-]": row.worst_tenth,
                 **{
                     f"change of cost{name} [-]": end
                     for name, end in zip(names, row.change or none, strict=True)
                 },
-                "episodes won [-]": row.won,
+                "episodes won [-]": row.episodes_won,
                 "not scored": "",
             }
     for result in comparison.results:
@@ -221,35 +221,24 @@ def as_data(comparison: Comparison) -> dict[str, object]:
         "episodes": episodes.each,
         "first_seed": episodes.first,
         "tasks": {
-            task: [
-                {
-                    "controller": row.label,
-                    "reads": row.reads,
-                    "trainings": row.trainings,
-                    "cost": row.cost._asdict(),
-                    "score": None if row.score is None else row.score._asdict(),
-                    "worst_episode": row.worst,
-                    "worst_tenth": row.tail,
-                    "change": None if row.change is None else row.change._asdict(),
-                    "episodes_won": row.won,
-                }
-                for row in rows
-            ]
-            for task, rows in comparison.tables.items()
+            task: [_as_data(row) for row in rows] for task, rows in comparison.tables.items()
         },
         "compared_with": {result.task: against(result) for result in comparison.results},
         "not_scored": {result.task: dict(result.not_scored) for result in comparison.results},
-        "overall": [
-            {
-                "controller": one.label,
-                "interquartile_mean": one.mean._asdict(),
-                "probability_of_improvement": dict(one.improvement),
-                "profile": one.profile.tolist(),
-            }
-            for one in comparison.overall
-        ],
+        "overall": [_as_data(one) for one in comparison.overall],
         "thresholds": THRESHOLDS.tolist(),
     }
+
+
+def _as_data(one: Row | Overall) -> dict[str, object]:
+    """Return the fields of a row as what JSON can hold."""
+    found: dict[str, object] = dict(vars(one))
+    for name, value in found.items():
+        if isinstance(value, Estimate):
+            found[name] = value._asdict()
+        elif isinstance(value, np.ndarray):
+            found[name] = value.tolist()
+    return found
 
 
 def page(comparison: Comparison) -> str:
@@ -299,7 +288,7 @@ def draw_intervals(comparison: Comparison, path: Path) -> None:
                 ends = row.cost.low, row.cost.high
                 panel.plot(ends, (place, place), color=COLOURS[informed], linewidth=2.0)
             panel.plot(values, places, ".", color=COLOURS[-1], markersize=5.0)
-            panel.set_yticks(places, [row.label for row in table])
+            panel.set_yticks(places, [row.controller for row in table])
             panel.grid(visible=False, axis="y")
             panel.margins(x=0.03)
             panel.set_ylim(0.7 - len(table), 0.7)
@@ -316,13 +305,18 @@ def draw_aggregates(comparison: Comparison, path: Path) -> None:
     with style():
         figure, (left, right) = panels(3.2, 1, 2)
         for k, one in enumerate(overall):
-            look = {"color": COLOURS[k % len(COLOURS)], "label": one.label}
-            left.plot((one.mean.low, one.mean.high), (-k, -k), color=look["color"], linewidth=4.0)
-            left.plot(one.mean.value, -k, "|", color=COLOURS[-1], markersize=9.0)
+            look = {"color": COLOURS[k % len(COLOURS)], "label": one.controller}
+            left.plot(
+                (one.interquartile_mean.low, one.interquartile_mean.high),
+                (-k, -k),
+                color=look["color"],
+                linewidth=4.0,
+            )
+            left.plot(one.interquartile_mean.value, -k, "|", color=COLOURS[-1], markersize=9.0)
             part, low, high = one.profile.T
             right.plot(THRESHOLDS, part, STYLES[k // len(COLOURS) % len(STYLES)], **look)
             right.fill_between(THRESHOLDS, low, high, color=look["color"], alpha=0.15, linewidth=0)
-        left.set_yticks(-np.arange(len(overall)), [one.label for one in overall])
+        left.set_yticks(-np.arange(len(overall)), [one.controller for one in overall])
         left.grid(visible=False, axis="y")
         left.margins(x=0.05, y=0.1)
         left.set_xlabel("interquartile mean of s [-], 95 % intervals")

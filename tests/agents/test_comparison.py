@@ -77,8 +77,8 @@ CONCLUDED = conclude(RESULTS, TASKS, EPISODES)
 
 
 def test_controllers_are_ranked_by_the_cost_of_the_task() -> None:
-    assert [row.label for row in CONCLUDED.tables[FORCE]] == ["good", "best constant", "bad"]
-    assert [row.label for row in CONCLUDED.tables[DUFFING]][:2] == ["good", "own"]
+    assert [row.controller for row in CONCLUDED.tables[FORCE]] == ["good", "best constant", "bad"]
+    assert [row.controller for row in CONCLUDED.tables[DUFFING]][:2] == ["good", "own"]
 
 
 def test_score_is_zero_for_the_best_constant_and_one_for_the_best_known() -> None:
@@ -89,7 +89,7 @@ def test_score_is_zero_for_the_best_constant_and_one_for_the_best_known() -> Non
     np.testing.assert_array_equal(scores_of(constant, constant, ratio), 0.0)
     best = scores_of(ratio**2 * constant, constant, ratio)
     np.testing.assert_allclose(best, 1.0, rtol=1e-14)
-    good = next(row for row in CONCLUDED.tables[FORCE] if row.label == "good")
+    good = next(row for row in CONCLUDED.tables[FORCE] if row.controller == "good")
     assert good.score is not None
     assert good.score.value == pytest.approx((0.2 - 0.1) / (0.2 - ratio * 0.2), rel=1e-12)
 
@@ -118,12 +118,16 @@ def test_a_scene_without_committed_scores_has_none(tmp_path, capsys) -> None:
 
 
 def test_only_controllers_of_all_tasks_are_aggregated() -> None:
-    labels = [one.label for one in CONCLUDED.overall]
+    labels = [one.controller for one in CONCLUDED.overall]
     assert set(labels) == {"good", "bad", "best constant", CHOSEN}
     assert labels[0] == "good"
     first = CONCLUDED.overall[0]
-    assert first.improvement["bad"] == 1.0
-    assert first.mean.low < first.mean.value < first.mean.high
+    assert first.probability_of_improvement["bad"] == 1.0
+    assert (
+        first.interquartile_mean.low
+        < first.interquartile_mean.value
+        < first.interquartile_mean.high
+    )
     assert np.all(np.diff(first.profile[:, 0]) <= 0.0)
 
 
@@ -133,14 +137,14 @@ def test_change_is_of_the_same_episodes_so_what_all_find_expensive_widens_no_int
     labels, reads = ("best constant", "law", "agent"), ("observation",) * 3
     sample = Sample(penalties, np.array([False, False, True]))
     alone = TaskResult(FORCE, labels, reads, sample, 0, 1)
-    rows = {row.label: row for row in conclude([alone], TASKS, EPISODES).tables[FORCE]}
+    rows = {row.controller: row for row in conclude([alone], TASKS, EPISODES).tables[FORCE]}
     assert rows["law"].change is None
-    assert rows["law"].won == rows["best constant"].won == 0.0
+    assert rows["law"].episodes_won == rows["best constant"].episodes_won == 0.0
     assert rows["best constant"].change == pytest.approx((2**0.5 - 1.0,) * 3, rel=1e-12)
     value, low, high = rows["agent"].change
     assert value == pytest.approx(-0.1, rel=1e-12)
     assert low <= value <= high
-    assert rows["agent"].won == 1.0
+    assert rows["agent"].episodes_won == 1.0
     cost = rows["agent"].cost
     assert high - low < 0.1 * (cost.high - cost.low) / cost.value
 
@@ -148,9 +152,9 @@ def test_change_is_of_the_same_episodes_so_what_all_find_expensive_widens_no_int
 def test_worst_episode_and_tenth_are_of_the_costs() -> None:
     row = CONCLUDED.tables[FORCE][-1]
     penalties = RESULTS[0].sample.penalties[2].ravel()
-    assert row.worst == pytest.approx(penalties.max() ** 0.5, rel=1e-14)
+    assert row.worst_episode == pytest.approx(penalties.max() ** 0.5, rel=1e-14)
     # Two of 24 episodes are nearest to a tenth.
-    assert row.tail == pytest.approx(np.sort(penalties)[-2:].mean() ** 0.5, rel=1e-14)
+    assert row.worst_tenth == pytest.approx(np.sort(penalties)[-2:].mean() ** 0.5, rel=1e-14)
 
 
 def test_files_hold_every_number_and_come_out_again_byte_for_byte(tmp_path) -> None:

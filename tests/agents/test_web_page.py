@@ -93,7 +93,7 @@ def test_table_has_the_rows_of_the_comparison(page, measured):
     (rows,) = conclude([result], compared.scenes, FEW).tables.values()
     cells = [text.strip() for tags, text in Elements(page).texts if tags in {("td",), ("th",)}]
     for row in rows:
-        assert row.label in cells
+        assert row.controller in cells
         assert f"{row.cost.low:.4f} to {row.cost.high:.4f}" in cells
     # Nothing classical was chosen, so the best constant is what others are compared with.
     changes = [row.change for row in rows if row.change is not None]
