@@ -35,6 +35,7 @@ from agents.errors import DatasetError
 from agents.rollout import Rollout
 from mm_gym import MovingMassVectorEnv
 from mm_gym.arrays import Array, Single
+from mm_gym.errors import refuse
 
 _ID = re.compile(
     r"(?P<name>(?:[-_\w]{2,}/(?:[-_\w]+/)*)?[-_\w]+?)(?:-v(?P<version>\d+))?", re.ASCII
@@ -56,11 +57,11 @@ def free_id(wanted: str, *, new_version: bool) -> str:
     """
     match = _ID.fullmatch(wanted)
     if match is None:
-        msg = (
-            f"out: got {wanted!r}; allowed: NAMESPACE/NAME-vVERSION of letters, digits, "
-            "hyphens and underscores, the namespace of two or more, as mm_gym/CarriageForce/lqr-v0"
+        allowed = (
+            "NAMESPACE/NAME-vVERSION of letters, digits, hyphens and underscores, the namespace of "
+            "two or more, as mm_gym/CarriageForce/lqr-v0"
         )
-        raise DatasetError(msg)
+        refuse("out", f"{wanted!r}", allowed, DatasetError)
     name, newest = match["name"], _newest_version(match["name"])
     if new_version and newest is not None:
         return f"{name}-v{newest + 1}"

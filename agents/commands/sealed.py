@@ -26,7 +26,8 @@ from agents.evaluation.sealed import (
     read_sealed,
 )
 from agents.report.score_pages import SEALED, sealed_page
-from mm_gym import SceneError, load_scene
+from mm_gym import load_scene
+from mm_gym.errors import refuse
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, path_of
 
@@ -57,11 +58,8 @@ def _check_labels(agents: Mapping[str, Iterable[str]]) -> None:
         for task in tasks:
             other = first.setdefault((task, _label(text)), text)
             if other != text:
-                msg = (
-                    f"--runs: got {text} and {other}, both called {_label(text)!r} on {task}; "
-                    "allowed: patterns whose last names differ"
-                )
-                raise SceneError(msg)
+                got = f"{text} and {other}, both called {_label(text)!r} on {task}"
+                refuse("--runs", got, "patterns whose last names differ")
 
 
 @command

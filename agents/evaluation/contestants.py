@@ -303,11 +303,8 @@ def _trained(
     if set(runs) != wanted:
         if not elsewhere or len(runs) > 1:
             also = "" if elsewhere else ", or --tasks that says on which to compare them"
-            msg = (
-                f"{text}: got runs of {', '.join(names)}; allowed: of each of "
-                f"{', '.join(scenes)}{also}"
-            )
-            raise RunError(msg)
+            got, allowed = f"runs of {', '.join(names)}", f"of each of {', '.join(scenes)}{also}"
+            refuse(text, got, allowed, RunError)
         (only,) = runs.values()
         other = only.name in scenes and scenes[only.name].digest != only.scene.digest
         addition = f", trained on {'another ' * other}{only.name}"

@@ -20,6 +20,7 @@ from agents.network.files import content_of, read_content
 from agents.scoring import VALIDATION_SEED, evaluate, written
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.arrays import Array
+from mm_gym.errors import refuse
 from mm_gym.files import read_bytes, read_text, write_bytes
 
 EPISODES = 1_000  # of a task and a release
@@ -117,8 +118,7 @@ class Seal:
             msg = f"{self.file}: not a file of sealed penalties: {error}"
             raise SceneError(msg) from None
         if told != self._is_of or shapes != {(self.episodes,)}:
-            msg = f"{self.file}: got {json.dumps(told)}; allowed: {json.dumps(self._is_of)}"
-            raise SceneError(msg)
+            refuse(f"{self.file}", json.dumps(told), json.dumps(self._is_of))
         return found
 
     def score(self, name: str, role: str, controllers: Sequence[Controller]) -> None:

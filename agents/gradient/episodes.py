@@ -11,6 +11,7 @@ from agents.gradient.network import Network
 from mm_gym import ActionError, DesignError, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array, Single
 from mm_gym.differences import Outputs
+from mm_gym.errors import refuse
 from mm_gym.sensitivity import Sensitivities
 
 FROM_OUTSIDE = ("disturbance_force", "ground_acceleration")  # channels that no action changes
@@ -81,8 +82,7 @@ class Episodes:
             self.newest.append(step - self._ages(step))
             asked = network.act(step, observation.T)
             if np.isnan(asked).any():
-                msg = "action: got nan; allowed: finite numbers"
-                raise ActionError(msg)
+                refuse("action", "nan", "finite numbers", ActionError)
             actions = self.actions[step] = np.clip(asked, -1.0, 1.0)
             found = self.physics.jacobian(actions)
             self.jacobians.append((found.state, found.action))

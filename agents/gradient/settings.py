@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from agents.control.scene import periods
 from agents.training.config import Count, Positive, SearchSettings
 from mm_gym import Scene
+from mm_gym.errors import refuse
 
 LAST_RATE = 0.03  # part of the learning rate that is left at the end
 AVERAGED = 0.03  # weight of an iteration in the mean that is validated
@@ -69,8 +70,8 @@ class GradientSettings(SearchSettings):
     @model_validator(mode="after")
     def _learns_one_scene_with_a_cell(self) -> Self:
         if self.cell and self.also is not None:
-            msg = f"also: got {self.also!r} with cell = {self.cell}; allowed: with cell = 0"
-            raise ValueError(msg)
+            got = f"{self.also!r} with cell = {self.cell}"
+            refuse("also", got, "with cell = 0", ValueError)
         return self
 
 

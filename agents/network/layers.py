@@ -107,9 +107,9 @@ class Correlation(Layer):
     def outputs(self, inputs: int) -> int:
         r = len(self.pairs)
         self.require(pairs=(r, 2, inputs), units=(r, len(UNIT)))
-        if not (self.units[:, UNIT.index("floor")] > 0.0).all():
-            msg = f"units: got floor {self.units[:, UNIT.index('floor')]}; allowed: more than 0"
-            raise ValueError(msg)
+        floor = self.units[:, UNIT.index("floor")]
+        if not (floor > 0.0).all():
+            refuse("units", f"floor {floor}", "more than 0", ValueError)
         return inputs + r
 
     def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:

@@ -35,6 +35,7 @@ from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, RunError, read_checked
 from mm_gym import Scene, load_scene
 from mm_gym.arrays import Array
+from mm_gym.errors import refuse
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, robust_ids, short_name
 
@@ -99,8 +100,8 @@ class Training(Scored):
     @model_validator(mode="after")
     def _has_times(self) -> Self:
         if len(self.seconds) != len(self.validation):
-            msg = f"seconds: got {len(self.seconds)}; allowed: {len(self.validation)}, as of costs"
-            raise ValueError(msg)
+            allowed = f"{len(self.validation)}, as of costs"
+            refuse("seconds", f"{len(self.seconds)}", allowed, ValueError)
         return self
 
 

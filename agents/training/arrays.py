@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from agents.network.files import arrays_in
 from agents.training.runs import RunError
 from mm_gym import SceneError
+from mm_gym.errors import refuse
 from mm_gym.files import read_bytes, write_bytes
 
 Arrays = dict[str, NDArray[np.generic]]
@@ -45,8 +46,7 @@ def load_checkpoint(path: Path) -> Arrays:
             if array.dtype.kind != "f":
                 continue
             if not (np.isfinite(array) | ((name in COSTS) & (array == np.inf))).all():
-                msg = f"{name}: got numbers that are not finite; allowed: finite numbers"
-                raise ValueError(msg)
+                refuse(name, "numbers that are not finite", "finite numbers", ValueError)
         arrays["progress/rows"]  # other archives of arrays have none
     return arrays
 
@@ -71,8 +71,5 @@ def check_like(arrays: Arrays, wanted: Arrays) -> None:
         got = arrays[name]
         shape = tuple(m if n == 0 else n for n, m in zip(array.shape, got.shape, strict=False))
         if got.dtype != array.dtype or got.shape != shape or got.ndim != array.ndim:
-            msg = (
-                f"{name}: got {got.dtype} of shape {got.shape}; "
-                f"allowed: {array.dtype} of shape {array.shape}"
-            )
-            raise ValueError(msg)
+            told = (f"{one.dtype} of shape {one.shape}" for one in (got, array))
+            refuse(name, *told, ValueError)

@@ -286,11 +286,8 @@ class TrainSettings(RunSettings):
     def _has_samples(self) -> Self:
         for name in ("ppo", "recurrent_ppo"):
             if self.algorithm == name and self.lanes * getattr(self, name).rollout == 1:
-                msg = (
-                    f"lanes: got 1 with {name}.rollout = 1; allowed: two samples between updates, "
-                    "or more"
-                )
-                raise ValueError(msg)
+                allowed = "two samples between updates, or more"
+                refuse("lanes", f"1 with {name}.rollout = 1", allowed, ValueError)
         return self
 
 

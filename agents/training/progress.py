@@ -17,6 +17,7 @@ from agents.training.arrays import Arrays, check_like
 from agents.training.runs import METRICS, TIMES, Run, RunError, read_as
 from mm_gym import Scene
 from mm_gym.arrays import Array
+from mm_gym.errors import refuse
 from mm_gym.files import write_csv, write_text
 
 
@@ -47,15 +48,15 @@ class Progress:
         progress.rows, progress.seconds = own["rows"], float(own["seconds"])
         progress.best = part(arrays, "best")
         if not np.isfinite(progress.rows[:, :2]).all():
-            msg = "progress/rows: got steps or times that are not finite; allowed: finite numbers"
-            raise ValueError(msg)
+            got = "steps or times that are not finite"
+            refuse("progress/rows", got, "finite numbers", ValueError)
         if progress.seconds < 0.0 or bool(progress.best) != np.isfinite(progress.least_cost):
-            msg = (
-                f"progress: got {len(progress.rows)} validations, {progress.seconds:g} s and "
-                f"{len(progress.best)} arrays of the best policy; allowed: some or none of all, "
-                "and none of the policy where no cost is finite"
+            got = (
+                f"{len(progress.rows)} validations, {progress.seconds:g} s and "
+                f"{len(progress.best)} arrays of the best policy"
             )
-            raise ValueError(msg)
+            allowed = "some or none of all, and none of the policy where no cost is finite"
+            refuse("progress", got, allowed, ValueError)
         return progress
 
     def arrays(self) -> Arrays:
@@ -76,11 +77,9 @@ class Progress:
         """Raise `RunError` unless a validation had a finite cost."""
         if not self.best:
             costs = ", ".join(f"{cost:g}" for cost in self.rows[:3, 2])
-            msg = (
-                f"{run.metrics}: got the costs {costs} of {len(self.rows)} validations; allowed: "
-                "a finite one; choose other settings, and another name with --name"
-            )
-            raise RunError(msg)
+            got = f"the costs {costs} of {len(self.rows)} validations"
+            advice = "choose other settings, and another name with --name"
+            refuse(f"{run.metrics}", got, f"a finite one; {advice}", RunError)
 
     def write_metrics(self, run: Run) -> None:
         """Write ``metrics.csv``, the same for the same run, and ``times.csv``, each whole."""

@@ -21,6 +21,7 @@ from pydantic import BaseModel, Field, JsonValue, TypeAdapter, ValidationError
 from agents.training.config import RunSettings
 from mm_gym import Scene, SceneError
 from mm_gym.arrays import Array
+from mm_gym.errors import refuse
 from mm_gym.files import delete_partial, open_lock, read_columns, read_json, read_text, write_text
 from mm_gym.scene import with_absolute_records, with_relative_records
 
@@ -133,8 +134,7 @@ class Run:
         except SceneError as error:
             raise RunError(str(error)) from None
         if steps.tolist() != also.tolist():
-            msg = f"{self.times}: got other steps than {self.metrics.name}; allowed: the same"
-            raise RunError(msg)
+            refuse(f"{self.times}", f"other steps than {self.metrics.name}", "the same", RunError)
         return steps, costs, seconds
 
     @contextmanager

@@ -28,6 +28,7 @@ from agents.value_table.policy import ARRAYS, NUMBERS, TablePolicy
 from mm_gym import DesignError, Scene, compile_scene
 from mm_gym.analysis import spring_stiffness
 from mm_gym.arrays import Array, Single
+from mm_gym.errors import refuse
 from mm_gym.scene import Part
 
 Table = Single
@@ -62,11 +63,8 @@ class IterateSettings(TimedSettings):
     def _fits_a_file(self) -> Self:
         size = 16 * self.stretches * self.points**3 * self.sizes  # four faces of four bytes
         if size > 0.99 * LARGEST:
-            msg = (
-                f"points, stretches, sizes: got a table of {size / 2**20:.0f} MiB; "
-                f"allowed: less than {LARGEST / 2**20:.0f} MiB"
-            )
-            raise ValueError(msg)
+            got, allowed = f"a table of {size / 2**20:.0f} MiB", f"{LARGEST / 2**20:.0f} MiB"
+            refuse("points, stretches, sizes", got, f"less than {allowed}", ValueError)
         return self
 
 

@@ -12,6 +12,7 @@ from agents.network.files import Arrays, FilePolicy, numbers
 from agents.network.interface import Interface
 from agents.value_table.kernel import NODES, choose
 from mm_gym.arrays import Array, Single
+from mm_gym.errors import refuse
 from mm_gym.scene import Document
 
 
@@ -100,8 +101,8 @@ def table_policy(description: Mapping[str, object], arrays: Arrays) -> TablePoli
     after = numbers(arrays, "after", (stretches, 4, n, n, n, sizes), np.float32)
     rise = [np.diff(own[name]).min() for name in ("stretches", "squares")]
     if min(rise) <= 0.0 or own["squares"][0] != 0.0:
-        msg = "stretches, squares: got no increase; allowed: numbers that increase, squares from 0"
-        raise ValueError(msg)
+        allowed = "numbers that increase, squares from 0"
+        refuse("stretches, squares", "no increase", allowed, ValueError)
     unknown = sorted(set(arrays) - {"description", "after", *ARRAYS})
     if unknown:
         msg = f"{unknown[0]}: unknown; allowed: description, after, {', '.join(ARRAYS)}"
