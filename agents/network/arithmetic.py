@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from agents.network.graph import BINARY, CHOICE, TABLE, TURNED, UNARY, Graph, Signal
+from agents.network.graph import CHOICE, FUNCTIONS, TABLE, TURNED, Graph, Signal
 from agents.network.layers import Layer, Numbers
 from mm_gym.arrays import Array
 
@@ -26,7 +26,7 @@ def _turned(matrix: Numbers, vector: Numbers) -> Numbers:
 
 
 MADE: dict[str, Callable[..., Numbers]] = {
-    **{name: getattr(np, name) for name in (*UNARY, *BINARY)},
+    **{name: getattr(np, name) for name in FUNCTIONS},
     CHOICE: np.where,
     TABLE: _row,
     TURNED: _turned,

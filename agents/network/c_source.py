@@ -9,36 +9,11 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from agents.network.graph import CHOICE, COMPARISONS, TABLE, TURNED, UNARY, Graph, Operation, Signal
+from agents.network.graph import CHOICE, FUNCTIONS, TABLE, TURNED, Graph, Operation, Signal
 from agents.network.interface import Interface, counted
 from mm_gym.arrays import Array
 
-NAMES = {"absolute": "fabs", "arccos": "acos", "power": "pow"}
-SIGNS = {
-    "greater": ">",
-    "greater_equal": ">=",
-    "less": "<",
-    "less_equal": "<=",
-    "equal": "==",
-    "not_equal": "!=",
-}
-
-FUNCTIONS = {
-    **{name: f"(REAL){NAMES.get(name, name)}((double){{}})" for name in UNARY},
-    **{name: f"(REAL)({{}} {SIGNS[name]} {{}})" for name in COMPARISONS},
-    "tanh": "hyperbolic({})",
-    "negative": "-{}",
-    "sign": "sign({})",
-    "power": "(REAL)pow((double){}, (double){})",
-    "add": "{} + {}",
-    "subtract": "{} - {}",
-    "multiply": "{} * {}",
-    "divide": "{} / {}",
-    "minimum": "least({}, {})",
-    "maximum": "most({}, {})",
-    CHOICE: "{} != 0 ? {} : {}",
-}
-"""Of numbers, those of `agents.network.graph`."""
+CHOSEN = "{} != 0 ? {} : {}"
 
 HELPERS = {
     "hyperbolic(": """static REAL hyperbolic(REAL x) {
@@ -176,7 +151,8 @@ class _Writer:
             value = f"{self.table(rows)}[{row}{'' if one.width == 1 else ' + i'}]"
             self.statements.append(f"{loop}{self.element(place, one.width)} = {value};")
         else:
-            value = FUNCTIONS[one.name].format(*map(self.operand, one.inputs))
+            form = CHOSEN if one.name == CHOICE else FUNCTIONS[one.name][0]
+            value = form.format(*map(self.operand, one.inputs))
             self.statements.append(f"{loop}{self.element(place, one.width)} = {value};")
 
 

@@ -17,15 +17,42 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from mm_gym.arrays import Array
 
-UNARY = (
-    *("tanh", "negative", "absolute", "sqrt", "sign", "rint", "sin", "cos", "arccos", "exp", "log"),
-)
-COMPARISONS = ("greater", "greater_equal", "less", "less_equal", "equal", "not_equal")
-BINARY = (
-    *("add", "subtract", "multiply", "divide", "minimum", "maximum", "power"),
-    *COMPARISONS,
-)
-"""Names of NumPy's functions that are followed, number by number. A comparison makes 1 or 0."""
+COMPARISONS = {
+    "greater": (">", "Greater"),
+    "greater_equal": (">=", "GreaterOrEqual"),
+    "less": ("<", "Less"),
+    "less_equal": ("<=", "LessOrEqual"),
+    "equal": ("==", "Equal"),
+    "not_equal": ("!=", "Equal"),
+}
+"""They make 1 or 0."""
+
+CALLS = {
+    "sqrt": ("sqrt", "Sqrt"),
+    "absolute": ("fabs", "Abs"),
+    "rint": ("rint", "Round"),
+    "sin": ("sin", "Sin"),
+    "cos": ("cos", "Cos"),
+    "arccos": ("acos", "Acos"),
+    "exp": ("exp", "Exp"),
+    "log": ("log", "Log"),
+}
+
+FUNCTIONS = {
+    **{name: (f"(REAL)({{}} {c} {{}})", onnx) for name, (c, onnx) in COMPARISONS.items()},
+    **{name: (f"(REAL){c}((double){{}})", onnx) for name, (c, onnx) in CALLS.items()},
+    "tanh": ("hyperbolic({})", "Tanh"),
+    "negative": ("-{}", "Neg"),
+    "sign": ("sign({})", "Sign"),
+    "add": ("{} + {}", "Add"),
+    "subtract": ("{} - {}", "Sub"),
+    "multiply": ("{} * {}", "Mul"),
+    "divide": ("{} / {}", "Div"),
+    "minimum": ("least({}, {})", "Min"),
+    "maximum": ("most({}, {})", "Max"),
+    "power": ("(REAL)pow((double){}, (double){})", "Pow"),
+}
+"""NumPy's functions that are followed, number by number, with what they are in C and in ONNX."""
 
 NEUTRAL = {"add": 0.0, "subtract": 0.0, "multiply": 1.0, "divide": 1.0}
 """By name: the second input that leaves the first as it is."""
@@ -40,7 +67,7 @@ class Operation:
     """One of the steps of a computation."""
 
     # "input", "slice", "concatenate", "product" (x @ W.T, + bias), `CHOICE`, `TABLE`, `TURNED`, or
-    # one of `UNARY` or `BINARY`.
+    # one of `FUNCTIONS`.
     name: str
     # Signals, or constants: arrays (n,) or (1,), or (m, n) of a product or a table.
     inputs: list[Signal | Array]
@@ -140,7 +167,7 @@ class Signal(NDArrayOperatorsMixin):
             return REWRITTEN[name](*given)
         if name == "power" and not isinstance(given[1], Signal) and np.all(given[1] == 2):  # noqa: PLR2004 - as NumPy
             return given[0] * given[0]
-        return self.graph.each(name, *given) if name in (*UNARY, *BINARY) else NotImplemented
+        return self.graph.each(name, *given) if name in FUNCTIONS else NotImplemented
 
     def __array_function__(
         self, function: Callable[..., Any], _: object, given: tuple[Any, ...], other: dict[str, Any]

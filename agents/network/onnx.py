@@ -9,38 +9,19 @@ from typing import Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.network.graph import CHOICE, COMPARISONS, TABLE, TURNED, Graph, Operation, Signal
+from agents.network.graph import (
+    CHOICE,
+    COMPARISONS,
+    FUNCTIONS,
+    TABLE,
+    TURNED,
+    Graph,
+    Operation,
+    Signal,
+)
 from mm_gym.arrays import Array
 
 OPSET, FORMAT = 17, 8  # versions of operators and file, of 2022: runtimes since read them
-
-OPERATORS = {
-    "tanh": "Tanh",
-    "negative": "Neg",
-    "absolute": "Abs",
-    "sqrt": "Sqrt",
-    "sign": "Sign",
-    "rint": "Round",
-    "sin": "Sin",
-    "cos": "Cos",
-    "arccos": "Acos",
-    "exp": "Exp",
-    "log": "Log",
-    "add": "Add",
-    "subtract": "Sub",
-    "multiply": "Mul",
-    "divide": "Div",
-    "minimum": "Min",
-    "maximum": "Max",
-    "power": "Pow",
-    "greater": "Greater",
-    "greater_equal": "GreaterOrEqual",
-    "less": "Less",
-    "less_equal": "LessOrEqual",
-    "equal": "Equal",
-    "not_equal": "Equal",
-}
-"""Those of `agents.network.graph.UNARY` and `BINARY`."""
 
 
 def onnx_bytes(graph: Graph, comment: str = "") -> bytes:
@@ -135,7 +116,7 @@ class _File:
             return self.add(
                 "Cast", self.add("Acos", self.add("Cast", *given, to=kinds.FLOAT)), to=kinds.DOUBLE
             )
-        made = self.add(OPERATORS[name], *given)
+        made = self.add(FUNCTIONS[name][1], *given)
         if name == "not_equal":
             made = self.add("Not", made)
         return self.add("Cast", made, to=kinds.DOUBLE) if name in COMPARISONS else made
