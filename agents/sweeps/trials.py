@@ -44,12 +44,6 @@ from mm_gym.files import write_csv, write_text
 from mm_gym.scene import Document
 from mm_gym.tasks import ids, robust_ids
 
-EVOLUTION, GRADIENT, VALUES = "evolution", "gradient", "value_iteration"
-RECURRENT, RESIDUAL, EVOLVED_RESIDUAL = "recurrent", "residual", "evolved_residual"
-"""The algorithms of the commands evolve, descend and iterate, and descend, PPO and evolve with
-settings of their own, such as the cell and the law to which it is added; the others are those of
-train."""
-
 Learner: TypeAlias = Literal[
     "evolution",
     "gradient",
@@ -66,13 +60,18 @@ FIXED = {"task": "tasks", "algorithm": "algorithms", "seed": "seeds", "name": "n
 LEARNERS: tuple[Learner, ...] = get_args(Learner)  # those of `Algorithm` last
 
 SEARCHES = {
-    EVOLUTION: (EvolveSettings, evolve),
-    GRADIENT: (GradientSettings, descend),
-    RECURRENT: (GradientSettings, descend),
-    EVOLVED_RESIDUAL: (EvolveSettings, evolve),
-    VALUES: (IterateSettings, iterate),
+    "evolution": (EvolveSettings, evolve),
+    "gradient": (GradientSettings, descend),
+    "recurrent": (GradientSettings, descend),
+    "evolved_residual": (EvolveSettings, evolve),
+    "value_iteration": (IterateSettings, iterate),
 }
-"""The searches by agents' own algorithms: their settings, and what runs them."""
+"""The searches by agents' own algorithms: their settings, and what runs them. All others are those
+of the command train."""
+
+RESIDUAL = "residual"
+"""PPO with settings of its own, such as the law to which it is added; "recurrent" and
+"evolved_residual" have theirs too."""
 
 EPISODES = 100  # held-out episodes on which each policy is scored
 
