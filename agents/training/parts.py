@@ -5,6 +5,7 @@ No search returns a worse agent than the best classical controller of its scene.
 
 import copy
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -250,14 +251,9 @@ def _penalties(
 
     The episodes are ended once it is known that it costs more than `most`.
     """
-    none = np.full(episodes, np.inf)
-    try:
+    found, told = np.full(episodes, np.inf), {"episodes": episodes, "most": most, "worst": worst}
+    with suppress(*NOT_SCORED, ActionError, DependencyNotInstalled):
         controller = laws(scene)[name](scene)
-        if controller.reads != "observation":
-            return none
-        found = evaluate(
-            scene, controller, seed=VALIDATION_SEED, episodes=episodes, most=most, worst=worst
-        ).penalties
-    except (*NOT_SCORED, ActionError, DependencyNotInstalled):
-        return none
-    return found if np.isfinite(found).all() else none
+        if controller.reads == "observation":
+            found = evaluate(scene, controller, seed=VALIDATION_SEED, **told).penalties
+    return np.where(np.isfinite(found).all(), found, np.inf)
