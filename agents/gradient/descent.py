@@ -6,7 +6,6 @@ policy that is validated is the mean over the last iterations, weighted exponent
 Juditsky, SIAM J. Control Optim. 30, 1992).
 """
 
-from contextlib import suppress
 from itertools import islice
 
 import numpy as np
@@ -24,16 +23,15 @@ from agents.gradient.network import (
     shorten,
     with_oscillators,
 )
-from agents.gradient.settings import AVERAGED, STEEPEST, WARMED, GradientSettings, schedule
+from agents.gradient.settings import AVERAGED, STEEPEST, WARMED, GradientSettings
 from agents.policies import Policy
 from agents.training.arrays import Arrays
-from agents.training.config import training_seeds
 from agents.training.lqg_start import WEIGHTS_OF_MEMORY, settling
 from agents.training.network import Network as Evolved
 from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.start import Start
-from mm_gym import ActionError, Scene
+from mm_gym import Scene
 
 BIASES = ("bias", "last")
 
@@ -61,8 +59,8 @@ class Descent(Following):
         Those through the scene itself, with the parameters as they are.
     sizes
         Of the steps of each parameter, over the rate.
-    size
-        Length of the last gradient.
+    slope
+        The last gradient, over the sizes.
     """
 
     def __init__(self, settings: GradientSettings, scene: Scene) -> None:
@@ -89,43 +87,24 @@ class Descent(Following):
         zeros = {name: np.zeros_like(array) for name, array in self.mean.items()}
         self.slopes, self.squares = zeros, {name: array.copy() for name, array in zeros.items()}
         self.frames = sum(one.lanes * one.steps for one, _ in self.parts)
-        self.size = 0.0
+        self.warmed = WARMED if own else 1
 
-    def _advance(self) -> None:
-        settings, count, size = self.settings, self.settings.episodes, np.inf
-        fade, rate = schedule(settings, self.done)
-        if settings.scene is not None:
-            rate *= min(1.0, (self.rounds + 1) / WARMED)
-        seeds = iter(training_seeds(settings.seed, count, self.rounds * count))
-        with suppress(ActionError), np.errstate(over="ignore", invalid="ignore"):
-            for episodes, network in self.parts:
-                episodes.run(network, list(islice(seeds, episodes.lanes)))
-                episodes.back(
-                    network,
-                    fade ** (1.0 / self.trust),
-                    settings.feedback,
-                    inwards=0.0 if settings.scene is None else 1.0 - self.done,
-                )
-            size = self._follow(rate * self.trust)
-        self.size = size
-        self._judge(size)
-
-    def _follow(self, rate: float) -> float:
-        """Make a step of Adam along the gradient, of which only the direction counts.
-
-        Return its length, with which nothing changes unless it is finite.
-        """
-        sizes, count = self.sizes, self.rounds + 1
-        gradient = {name: sizes[name] * slope for name, slope in self._gradient().items()}
+    def _slope(self, seeds: list[int], fade: float) -> float:
+        settings, left = self.settings, iter(seeds)
+        inwards = 0.0 if settings.scene is None else 1.0 - self.done
+        for episodes, network in self.parts:
+            episodes.run(network, list(islice(left, episodes.lanes)))
+            episodes.back(network, fade, settings.feedback, inwards=inwards)
+        self.slope = {name: self.sizes[name] * slope for name, slope in self._gradient().items()}
         if self.odd:
             for name in BIASES:
-                gradient[name][:] = 0.0
-        size = float(np.sqrt(sum(float(np.sum(np.square(slope))) for slope in gradient.values())))
-        if not 0.0 < size < np.inf:
-            return size
-        own = self.network.parameters
+                self.slope[name][:] = 0.0
+        return float(np.sqrt(sum(float(np.sum(np.square(one))) for one in self.slope.values())))
+
+    def _follow(self, rate: float) -> None:
+        sizes, own, count = self.sizes, self.network.parameters, self.rounds + 1
         for name in own:
-            slope = gradient[name] / size
+            slope = self.slope[name] / self.size
             kept, spread = moved_means(slope, self.slopes[name], self.squares[name], count)
             own[name] -= rate / kept * sizes[name] * self.slopes[name] / (spread + 1e-8)
         if "keep" in own:
@@ -134,7 +113,6 @@ class Descent(Following):
             hold_stable(own["keep"], self.longest)
         for name, value in own.items():
             self.mean[name] += max(AVERAGED, 1.0 / count) * (value - self.mean[name])
-        return size
 
     def _gradient(self) -> Arrays:
         """Return the slopes of the mean over the episodes of all scenes."""

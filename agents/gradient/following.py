@@ -1,17 +1,19 @@
 """What the descents share: where they start, how far they trust a gradient, what they keep."""
 
 from abc import abstractmethod
+from contextlib import suppress
 from typing import ClassVar
 
 import numpy as np
 
 from agents.control.controller import part
-from agents.gradient.settings import GradientSettings, fitted
+from agents.gradient.settings import GradientSettings, fitted, schedule
 from agents.network.layers import UNIT
 from agents.training.arrays import Arrays
+from agents.training.config import training_seeds
 from agents.training.search import Search
 from agents.training.starts import IN_WORDS, start_of
-from mm_gym import Scene
+from mm_gym import ActionError, Scene
 
 DOUBTED, REGAINED = 0.5, 1.02
 """Factors of the trust after a gradient that is not finite, and after one that is."""
@@ -29,10 +31,14 @@ class Following(Search):
     trust
         Part of the rate and the horizon that is used: a half after each gradient that is not
         finite, and again more with each that is.
+    size
+        Length of the last gradient.
     """
 
     unit: ClassVar[str] = "iteration"
+    warmed: int = 1  # iterations in which the rate rises at first
     trust: float = 1.0
+    size: float = 0.0
 
     def __init__(self, settings: GradientSettings, scene: Scene) -> None:
         settings = settings if settings.scene is None else fitted(settings, scene)
@@ -49,16 +55,34 @@ class Following(Search):
     def _parts(self) -> dict[str, Arrays]:
         """The arrays from which the next iterations follow, by part and name; to write into."""
 
-    def _judge(self, size: float) -> None:
-        """Trust more or less after a gradient of a size.
+    @abstractmethod
+    def _slope(self, seeds: list[int], fade: float) -> float:
+        """Find the gradient in the episodes of the seeds, and return its length."""
+
+    @abstractmethod
+    def _follow(self, rate: float) -> None:
+        """Make a step of Adam along the gradient, of which only the direction counts."""
+
+    def _advance(self) -> None:
+        """Follow the gradient, and trust it more or less then.
 
         After one that is not finite the search goes on from the mean that it validates.
         """
-        self.trust = min(1.0, REGAINED * self.trust) if np.isfinite(size) else DOUBTED * self.trust
-        if not np.isfinite(size):
-            parts = self._parts
-            for name, array in parts["parameters"].items():
-                array[...] = parts["mean"][name]
+        settings, count = self.settings, self.settings.episodes
+        fade, rate = schedule(settings, self.done)
+        rate *= min(1.0, (self.rounds + 1) / self.warmed)
+        seeds, self.size = training_seeds(settings.seed, count, self.rounds * count), np.inf
+        with suppress(ActionError), np.errstate(over="ignore", invalid="ignore"):
+            self.size = self._slope(seeds, fade ** (1.0 / self.trust))
+            if 0.0 < self.size < np.inf:
+                self._follow(rate * self.trust)
+        if np.isfinite(self.size):
+            self.trust = min(1.0, REGAINED * self.trust)
+            return
+        self.trust *= DOUBTED
+        parts = self._parts
+        for name, array in parts["parameters"].items():
+            array[...] = parts["mean"][name]
 
     def _present(self) -> Arrays:
         return {name: array.copy() for name, array in self._parts["mean"].items()}

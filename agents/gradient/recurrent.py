@@ -4,8 +4,6 @@ Any network of `agents.network` could be trained so. The small network has a way
 `agents.gradient.network`: an iteration takes a quarter to a third of the time.
 """
 
-from contextlib import suppress
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -14,7 +12,7 @@ from agents.control.trajectories import FIRST, SECOND
 from agents.gradient.episodes import MOST
 from agents.gradient.following import Following
 from agents.gradient.network import with_oscillators
-from agents.gradient.settings import AVERAGED, GradientSettings, schedule
+from agents.gradient.settings import AVERAGED, GradientSettings
 from agents.network.layers import (
     GRU,
     Activation,
@@ -29,9 +27,8 @@ from agents.network.layers import (
 from agents.network.module import Module
 from agents.network.policy import Policy
 from agents.training.arrays import Arrays
-from agents.training.config import training_seeds
 from agents.training.start import Start
-from mm_gym import ActionError, Scene
+from mm_gym import Scene
 from mm_gym.arrays import Array, Single
 from mm_gym.torch import Episodes
 
@@ -124,27 +121,22 @@ class RecurrentDescent(Following):
             self.optimiser.state[one] = {"step": torch.tensor(0.0), **zeros}
         self.frames = settings.episodes * scene.control.steps
 
-    def _advance(self) -> None:
-        settings, count, trained = self.settings, self.settings.episodes, self.module.trained
-        fade, rate = schedule(settings, self.done)
-        fade **= 1.0 / self.trust
-        self.optimiser.param_groups[0]["lr"] = rate * self.trust
+    def _slope(self, seeds: list[int], fade: float) -> float:
         self.optimiser.zero_grad()
-        size = np.inf
-        with suppress(ActionError):
-            seeds = training_seeds(settings.seed, count, self.rounds * count)
-            self._cost_of(seeds, fade).backward()
-            size = float(torch.sqrt(sum((one.grad**2).sum() for one in trained.values())))  # pyright: ignore[reportArgumentType, reportOptionalOperand] - as `backward` leaves them
-        self._judge(size)
-        if not 0.0 < size < np.inf:
-            return
+        self._cost_of(seeds, fade).backward()
+        squares = sum((one.grad**2).sum() for one in self.module.trained.values())  # pyright: ignore[reportOptionalOperand] - as `backward` leaves them
+        return float(torch.sqrt(squares))  # pyright: ignore[reportArgumentType]
+
+    def _follow(self, rate: float) -> None:
+        trained = self.module.trained
         for one in trained.values():
-            one.grad /= size  # of the gradient only the direction counts
+            one.grad /= self.size
+        self.optimiser.param_groups[0]["lr"] = rate
         self.optimiser.step()
         for name, one in trained.items():
             self.mean[name].lerp_(one.detach(), max(AVERAGED, 1.0 / (self.rounds + 1)))
 
-    def _cost_of(self, seeds: range, fade: float) -> Tensor:
+    def _cost_of(self, seeds: list[int], fade: float) -> Tensor:
         """Return the mean cost of a step; what is remembered fades as the motion does.
 
         The last action does not, as the slopes of the motion over the action do not.
