@@ -171,7 +171,8 @@ def test_every_law_of_a_task_plays(name):
         # A controller that does not know of the rail's ends may reach one.
         assert all(len(e.rewards) == whole or e.terminations[-1] for e in batch)
     # No force moves the place at which a sphere that sticks would come to rest.
-    assert refused == ({"lqg"} if scene.interface.kind == "dry_friction" else set())
+    estimates = {"lqg", "detuned-lqg", "predictive-lqg"}
+    assert refused == (estimates if scene.interface.kind == "dry_friction" else set())
 
 
 def test_regulator_is_recorded_by_its_name(capsys):
