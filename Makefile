@@ -13,6 +13,9 @@ COMPILER_TESTS := tests/packaging/test_cache_trouble.py tests/packaging/test_cac
 	tests/numerics/test_golden.py tests/numerics/test_switched.py tests/env/test_threads.py
 # Words that the glossary has replaced, each with the field's word.
 WORDS := docs/replaced_words.txt
+SLOW := $(sort $(notdir $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
+# Of changes that are not committed it is another one each time.
+COMMIT := $(shell git describe --always --dirty=-$$(date +%s) --exclude='*' 2>/dev/null || date +%s)
 CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl
 
 # The many processes that tests start load byte code instead of making it.
@@ -28,8 +31,13 @@ demo: $(INSTALLED)
 test: $(INSTALLED)
 	$(RUN) -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow and not browser"
 
-test-slow: $(INSTALLED)
-	$(RUN) -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not browser"
+# All tests, for hours: rooms that have passed on this commit are not run again. With -k the others
+# run after a failure too.
+test-slow: $(SLOW:%=.slow/$(COMMIT)/%)
+
+.slow/$(COMMIT)/%: $(INSTALLED)
+	$(RUN) -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not browser" tests/$*
+	@mkdir -p $(@D) && touch $@
 
 # The web page of a report, and equations of the site, in Chromium.
 test-browser: $(INSTALLED)
@@ -115,4 +123,4 @@ $(CLIENTS:%=.venv-%/.installed): .venv-%/.installed: pyproject.toml constraints.
 	@touch $@
 
 clean:
-	rm -rf docs/_build docs/gallery $(VENV) $(BENCH) $(CLIENTS:%=.venv-%) .venv-numba-* dist .processors .pytest_cache .ruff_cache .hypothesis
+	rm -rf docs/_build docs/gallery $(VENV) $(BENCH) $(CLIENTS:%=.venv-%) .venv-numba-* dist .processors .slow .pytest_cache .ruff_cache .hypothesis
