@@ -258,7 +258,7 @@ FOLLOWED: dict[Callable[..., Any], Callable[..., Any]] = {
     np.zeros_like: lambda _, signal: np.zeros((1, *signal.inner)),
     np.ones_like: lambda _, signal: np.ones((1, *signal.inner)),
     np.full_like: lambda _, signal, value: np.full((1, *signal.inner), value),
-    np.where: lambda graph, *given: graph.each(CHOICE, *given),
+    np.where: lambda graph, which, one, other: graph.each(CHOICE, which, one, other),
     np.nan_to_num: _without_nan,
     np.take_along_axis: _row,
     np.interp: _between,
@@ -283,7 +283,7 @@ class Graph:
     def add(self, name: str, inputs: list[Signal | Array], width: int, first: int = 0) -> Signal:
         """Append an operation; return what it makes, (lanes, width)."""
         before = inputs[0].made_by if inputs and isinstance(inputs[0], Signal) else None
-        if name == "add" and before is not None and before.name == "product":
+        if name == "add" and before and (before.name, before.width) == ("product", width):
             bias = inputs[1]
             if not isinstance(bias, Signal) and len(before.inputs) == 2:  # noqa: PLR2004 - without bias
                 name, inputs = "product", [*before.inputs, np.broadcast_to(bias, width)]
