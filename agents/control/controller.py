@@ -137,6 +137,7 @@ def looked_up(tables: Array, place: NDArray[np.intp]) -> Array:
 
     By a function that also takes what `agents.network.graph` follows, as an index does not.
     """
-    _, count, *inner = tables.shape
-    flat = tables.reshape(-1, count, prod(inner))
-    return np.take_along_axis(flat, place[:, None, None], axis=1).reshape(-1, *inner)
+    lanes, count, *inner = tables.shape
+    flat = tables.reshape(lanes, count, prod(inner))
+    rows = np.take_along_axis(flat, place[:, None, None], axis=1)
+    return rows.reshape(rows.shape[0], *inner)

@@ -115,9 +115,9 @@ class Signal(NDArrayOperatorsMixin):
 
     copy = astype
 
-    def reshape(self, lanes: int, *inner: int) -> Signal:
-        """Return the same numbers in another shape (-1, *inner)."""
-        if lanes != -1 or prod(inner) != self.made_by.width:
+    def reshape(self, lanes: int | None, *inner: int) -> Signal:
+        """Return the same numbers in another shape (-1, *inner), or (None, *inner)."""
+        if lanes not in {-1, None} or prod(inner) != self.made_by.width:
             _refuse(f"array.reshape({lanes}, {inner})", f"-1, and {self.made_by.width} numbers")
         return Signal(self.graph, self.made_by, inner)
 

@@ -10,7 +10,7 @@ from agents.controllers.registry import laws, obstacle
 from agents.exports.controllers import controller_policy
 from agents.scoring import validation_cost
 from agents.training.config import CONFIGS
-from mm_gym import MovingMassVectorEnv, SceneError, load_scene
+from mm_gym import MovingMassVectorEnv, load_scene
 
 TOWER = load_scene(CONFIGS / "structures" / "tower.toml")
 PLATFORM = load_scene(CONFIGS / "structures" / "platform.toml")  # its force lags, too
@@ -63,7 +63,11 @@ def test_a_force_that_is_commanded_by_its_rate_is_regulated():
     assert regulated < 0.95 * damped
 
 
-def test_without_a_rate_limit_it_is_refused_and_its_export_is():
+def test_without_a_rate_limit_it_is_refused():
     assert "rate_limit: missing" in str(obstacle("rate-limited-lqg", CARRIAGE_FORCE))
-    with pytest.raises(SceneError, match="allowed for an export: the LQG"):
-        controller_policy("rate-limited-lqg", TOWER.replace(**{"control.steps": 10}))
+
+
+def test_export_knows_the_rate_limit():
+    law = RateLimitedLQG(TOWER, 1.0, 1.0, 1e-3)
+    policy = controller_policy(law, TOWER.replace(**{"control.steps": 10}), law.name)
+    assert policy.remembers == len(law.design.start) + 2  # what is applied, and the step
