@@ -189,7 +189,8 @@ def _look(known: Sequence[OnTask], algorithm: str) -> dict[str, Any]:
         return LAW
     number = [*_algorithms(known), BEST].index(algorithm)
     style = STYLES[number % len(STYLES)]
-    return {"color": COLOURS[number], "linestyle": style, "label": algorithm}
+    colour = COLOURS[number % len(COLOURS)]
+    return {"color": colour, "linestyle": style, "label": algorithm}
 
 
 def _algorithms(known: Sequence[OnTask]) -> list[str]:

@@ -19,7 +19,7 @@ from agents.evaluation.rigs import CONTROLLERS, read_robustness, variant_of
 from agents.policies import load_policy
 from agents.report.published import page as published_page
 from agents.report.published import read_published, scored_again
-from agents.report.results_page import page
+from agents.report.results_page import BEST, _look, page
 from agents.scoring import evaluate
 from agents.sweeps.results import (
     FILE,
@@ -33,7 +33,7 @@ from agents.sweeps.results import (
     save,
     with_references,
 )
-from agents.sweeps.trials import EPISODES
+from agents.sweeps.trials import EPISODES, LEARNERS
 from agents.training.config import CONFIGS, read_settings
 from mm_gym import SceneError, load_scene
 from mm_gym.tasks import ids
@@ -105,6 +105,12 @@ class TestStatistics:
         held_out = cell(np.full((4, 1), 0.5) * self.episodes, validation=[2.0])
         cells = [lucky, few, held_out, steady]
         assert OnTask(TASK, None, cells, {}, np.empty(0)).best is steady
+
+
+def test_lines_of_all_algorithms_look_different():
+    every = [OnTask(TASK, None, [Cell(TASK, name, []) for name in LEARNERS], {}, np.empty(0))]
+    looks = [_look(every, name) for name in (*LEARNERS, BEST)]
+    assert len({(look["color"], look["linestyle"]) for look in looks}) == len(LEARNERS) + 1
 
 
 class TestFile:
