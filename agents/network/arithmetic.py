@@ -12,10 +12,12 @@ import numpy as np
 from agents.network.graph import CHOICE, FUNCTIONS, TABLE, TURNED, Graph, Signal
 from agents.network.layers import Layer, Numbers
 from mm_gym.arrays import Array
+from mm_gym.errors import refuse
 
 
 def _row(index: Numbers, rows: Array) -> Numbers:
-    place = np.clip(index, 0.0, len(rows) - 1.0).astype(np.intp)
+    # Also of NaN, which no comparison holds of, a row.
+    place = np.where(index > 0.0, np.minimum(index, len(rows) - 1.0), 0.0).astype(np.intp)
     return np.take_along_axis(rows[None], place[:, 0][:, None, None], axis=1)[:, 0]
 
 
@@ -35,6 +37,15 @@ MADE: dict[str, Callable[..., Numbers]] = {
     "product": lambda signal, weight, bias=0.0: signal @ weight.T + bias,
 }
 """By the name of an operation: what makes its numbers (lanes, width)."""
+
+INPUTS = {CHOICE: 3, **{name: getattr(np, name).nin for name in FUNCTIONS}}
+"""By the name of an operation number by number: how many inputs it has."""
+
+MOST = 2**16
+"""Numbers that all operations make in a lane, at most."""
+
+SHOWN = 80  # characters of an operation in a message
+NONE = -1, -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,14 +92,51 @@ class Arithmetic(Layer):
         return self.remembered
 
     def outputs(self, inputs: int) -> int:
-        graph = Graph()
-        given = graph.input("observation", inputs), graph.input("memory", self.remembered)
-        try:
-            width = self._whole(*given).made_by.width
-        except (TypeError, ValueError, LookupError, AttributeError) as error:
-            msg = f"arithmetic: its operations do not fit each other: {error}"
-            raise ValueError(msg) from error
-        return width - self.remembered
+        self.require(constants=(len(self.constants),))
+        widths, left = [inputs, self.remembered], MOST
+        for operation in self.operations:
+            widths.append(self._width(operation, widths) if isinstance(operation, list) else 0)
+            left -= widths[-1]
+            if left < 0 or not widths[-1]:
+                got = f"{str(operation)[:SHOWN]} as number {len(widths) - 1}"
+                allowed = f"an operation with inputs that fit; all make at most {MOST:,} numbers"
+                refuse("arithmetic, operations", got, allowed, ValueError)
+        if not 0 <= self.remembered < widths[-1]:
+            allowed = f"0 to {widths[-1] - 1}, as the last operation has {widths[-1]} numbers"
+            refuse("arithmetic, remembered", f"{self.remembered}", allowed, ValueError)
+        return widths[-1] - self.remembered
+
+    def _width(self, operation: list[Any], widths: list[int]) -> int:
+        """Return how many numbers an operation makes in each lane, or 0 if it is none."""
+        width, (name, *inputs) = 0, operation or [""]
+        given = [self._shape(one, widths) for one in inputs]
+        match [name, *given]:
+            case ["slice", (0, n), _, _]:
+                _, first, count = inputs
+                fits = type(first) is type(count) is int and min(first, count) >= 0
+                width = count if fits and first + count <= n else 0
+            case ["product", (0, n), (rows, columns), *bias] if rows > 0 and columns == n:
+                width = rows if bias in ([], [(1, rows)]) else 0
+            case ["take", (0, 1), (rows, columns)] if rows > 0:
+                width = columns
+            case ["turned", (0, n), (0, columns)] if columns > 0 and n % columns == 0:
+                width = n // columns
+            case ["concatenate", *_] if all(rows == 0 for rows, _ in given):
+                width = sum(columns for _, columns in given)
+            case [str(), *_] if given and len(given) == INPUTS.get(name):
+                most = max(columns for _, columns in given)
+                lanes, columns = map(set, zip(*given, strict=True))
+                width = most if 0 in lanes and lanes <= {0, 1} and columns <= {1, most} else 0
+        return width
+
+    def _shape(self, one: object, widths: list[int]) -> tuple[int, int]:
+        """Return the rows and columns of a constant; 0 rows are those of an operation, -1 none."""
+        match one:
+            case [int(first), int(rows), int(columns)] if min(first, rows - 1, columns - 1) >= 0:
+                return (rows, columns) if first + rows * columns <= len(self.constants) else NONE
+            case int(number) if 0 <= number < len(widths):
+                return 0, widths[number]
+        return NONE
 
     def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
         if xp is not np:
@@ -109,6 +157,6 @@ class Arithmetic(Layer):
 
     def _input(self, one: int | list[int], found: list[Numbers]) -> Numbers:
         if isinstance(one, int):
-            return found[range(len(found))[one]]
+            return found[one]
         first, *shape = one
         return self.constants[first:][: shape[0] * shape[1]].reshape(shape)

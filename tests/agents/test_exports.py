@@ -447,6 +447,55 @@ class TestFilesThatKnowTheirScene:
         assert not Path("p.c").exists()
 
 
+def arithmetic(operations, *, remembered=0):
+    told = {"kind": "arithmetic", "operations": operations, "remembered": remembered}
+    described = {"format": 4, "observed": 3, "layers": [told]}
+    return content_of(described, {"0.constants": np.arange(6.0)})
+
+
+HUGE = 10**30
+DAMAGED = [
+    *(["add", 0, 0], [[]], [["system", 0]], [[["add"], 0, 0]], [{"add": 0}]),
+    *([["add", 0, one]] for one in (-1, 9, 0.5, "x", None, HUGE, [0], [5, 1, 2], [0, HUGE, 1])),
+    *([["add", 0]], [["where", 0]], [["add", [0, 1, 3], [0, 1, 3]]], [["add", 0, [0, 3, 1]]]),
+    *([["product", 0, [0, 2, 2]]], [["product", 0, [0, 1, 3], [0, 1, 2]]], [["product", 0, 0]]),
+    *([["product", 0, [0, HUGE, 0]]], [["concatenate", 0, [0, 1, 3]]], [["concatenate"]]),
+    *([["slice", 0, 2, 2]], [["slice", 0, -1, 2]], [["slice", 0, 0, HUGE]], [["slice", 0, 0.0, 1]]),
+    *([["take", 0, [0, 3, 2]]], [["turned", 0, 1]], [["slice", 0, 0, 2], ["turned", 0, 2]]),
+    [
+        ["concatenate", 0, 0],
+        *([["concatenate", k, k] for k in range(2, 900)]),
+        ["slice", 900, 0, 1],
+    ],
+]
+
+
+@pytest.mark.parametrize("operations", DAMAGED, ids=lambda one: str(one)[:50])
+def test_arithmetic_that_is_damaged_is_refused(operations, tmp_path):
+    (tmp_path / "p.safetensors").write_bytes(arithmetic(operations))
+    with pytest.raises(PolicyError, match=r"arithmetic, operations|of shape|0\.operations"):
+        load_policy(tmp_path / "p.safetensors")
+
+
+@pytest.mark.parametrize("remembered", [-1, 3, 10**12])
+def test_arithmetic_that_remembers_more_than_it_makes_is_refused(remembered, tmp_path):
+    (tmp_path / "p.safetensors").write_bytes(arithmetic([["sign", 0]], remembered=remembered))
+    with pytest.raises(PolicyError, match=r"arithmetic, remembered: got .*; allowed: 0 to 2"):
+        load_policy(tmp_path / "p.safetensors")
+
+
+def test_row_of_a_table_is_one_of_its_rows_wherever_it_is_looked_for(tmp_path):
+    pytest.importorskip("onnxruntime")
+    operations = [["slice", 0, 0, 1], ["take", 2, [0, 3, 2]]]
+    (tmp_path / "p.safetensors").write_bytes(arithmetic(operations))
+    policy = load_policy(tmp_path / "p.safetensors")
+    episodes = np.zeros((1, 6, 3), np.float32)
+    episodes[0, :, 0] = -np.inf, -1.0, 1.5, 7.0, np.inf, np.nan
+    wanted = np.arange(6.0).reshape(3, 2)[[0, 0, 1, 2, 2, 0]][None]
+    np.testing.assert_array_equal(in_numpy(policy, episodes), wanted)
+    np.testing.assert_array_equal(in_onnx(policy, episodes), wanted)
+
+
 def test_base_of_another_shape_is_refused():
     with pytest.raises(ValueError, match=r"residual, base: got shape \(2, 9\)"):
         residual(policy_of([7, 16, 2], "rational"), np.zeros((2, 9)), 0.5)
