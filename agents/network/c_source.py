@@ -20,9 +20,10 @@ HELPERS = {
     if (sizeof(REAL) == sizeof(float)) return (REAL)tanhf((float)x);
     return (REAL)tanh((double)x);
 }""",
-    "sign(": "static REAL sign(REAL x) {\n    return (REAL)((x > 0) - (x < 0));\n}",
-    "least(": "static REAL least(REAL x, REAL y) {\n    return x < y ? x : y;\n}",
-    "most(": "static REAL most(REAL x, REAL y) {\n    return x > y ? x : y;\n}",
+    # Of NaN these are NaN, as NumPy's.
+    "sign(": "static REAL sign(REAL x) {\n    return x > 0 ? 1 : x < 0 ? -1 : x;\n}",
+    "least(": "static REAL least(REAL x, REAL y) {\n    return x < y || x != x ? x : y;\n}",
+    "most(": "static REAL most(REAL x, REAL y) {\n    return x > y || x != x ? x : y;\n}",
     "add_products(": """static void add_products(
     const REAL *weight, const REAL *input, REAL *sum, int outputs, int inputs) {
     for (int i = 0; i < outputs; i++)
@@ -161,11 +162,12 @@ def _loop(width: int) -> str:
 
 
 def _literal(value: float) -> str:
-    if 0.0 < value < LEAST:  # it keeps numbers from 0
-        return f"(sizeof(REAL) == sizeof(float) ? (REAL){LEAST} : (REAL){float(value)!r})"
-    if abs(value) > LARGEST:  # it limits nothing
-        return f"{'-' if value < 0.0 else ''}(REAL)INFINITY"
-    return f"(REAL){float(value)!r}" if value >= 0.0 else f"(-(REAL){-float(value)!r})"
+    size = abs(float(value))
+    text = f"(REAL){size!r}"
+    near = min(max(size, LEAST), LARGEST)
+    if size not in (0.0, near):  # what keeps numbers from 0, or limits nothing
+        text = f"(sizeof(REAL) == sizeof(float) ? (REAL){near!r} : {text})"
+    return text if value >= 0.0 else f"(-{text})"
 
 
 def c_source(graph: Graph, interface: Interface | None = None, comment: str = "") -> Source:

@@ -200,7 +200,18 @@ class Everything(Law):
         return np.tanh(found + kept[:, 1] ** 2 - np.log(1.0 + x2**4))[:, None], after
 
 
-@pytest.mark.parametrize("law", [Shifted(), Switching(), Remembering(), Everything()])
+class Undefined(Law):
+    """Where the motion begins, at rest, it divides by 0."""
+
+    @np.errstate(divide="ignore", invalid="ignore")
+    def action(self, memory, state, _):
+        ratio = (state[:, :1] - state[:, :1]) / (state[:, :1] - state[:, :1])
+        turned = np.nan_to_num(np.clip(ratio, -1.0, 1.0), nan=0.3)
+        endless = 0.0 * np.nan_to_num(1.0 / np.abs(0.0 * state[:, :1]))
+        return turned + endless + np.nan_to_num(np.sign(ratio), nan=0.2), memory
+
+
+@pytest.mark.parametrize("law", [Shifted(), Switching(), Remembering(), Undefined(), Everything()])
 def test_law_of_arithmetic_is_exported(law, tmp_path):
     pytest.importorskip("onnxruntime")
     held_against_itself(Feedback(CARRIAGE_FORCE, law), CARRIAGE_FORCE, tmp_path)
