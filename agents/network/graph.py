@@ -121,8 +121,11 @@ class Signal(NDArrayOperatorsMixin):
             _refuse(f"array.reshape({lanes}, {inner})", f"-1, and {self.made_by.width} numbers")
         return Signal(self.graph, self.made_by, inner)
 
+    def __getattr__(self, name: str) -> NoReturn:
+        raise AttributeError(REFUSED.format(f"array.{name}", ALLOWED))
+
     def __array__(self, *_: object) -> Array:
-        _refuse("what other code computes of an array", "NumPy's functions and operators")
+        _refuse("array as what other code reads, or as a part of an array of numbers", ALLOWED)
 
     def __getitem__(self, key: Any) -> Signal:  # noqa: ANN401 - NumPy's
         """Return some columns."""
@@ -158,22 +161,28 @@ class Signal(NDArrayOperatorsMixin):
     def __array_ufunc__(self, function: np.ufunc, method: str, *given: Any, **other: Any) -> Signal:  # noqa: ANN401 - NumPy's
         name = function.__name__
         if method != "__call__" or other:
-            return NotImplemented
+            changed = " in place" if "out" in other else f", {', '.join([method, *other])}"
+            _refuse(f"np.{name}{changed}", ALLOWED)
         if name == "matmul" and isinstance(given[0], Signal):
             signal, matrix = given[0], np.asarray(given[1], np.float64)
+            if signal.inner != matrix.shape[:1]:
+                shapes = f"{('lanes', *signal.inner)} and {matrix.shape}"
+                _refuse(f"@ of shapes {shapes}", "(lanes, m) and (m, k)")
             made = self.graph.add("product", [signal, np.atleast_2d(matrix.T)], matrix[0].size)
             return made if matrix.ndim > 1 else made.reshape(-1)
         if name in REWRITTEN:
             return REWRITTEN[name](*given)
         if name == "power" and not isinstance(given[1], Signal) and np.all(given[1] == 2):  # noqa: PLR2004 - as NumPy
             return given[0] * given[0]
-        return self.graph.each(name, *given) if name in FUNCTIONS else NotImplemented
+        if name not in FUNCTIONS:
+            _refuse(f"np.{name}", ALLOWED)
+        return self.graph.each(name, *given)
 
     def __array_function__(
         self, function: Callable[..., Any], _: object, given: tuple[Any, ...], other: dict[str, Any]
     ) -> Any:  # noqa: ANN401 - NumPy's
         if function not in FOLLOWED:
-            return NotImplemented
+            _refuse(f"np.{function.__name__}", ALLOWED)
         return FOLLOWED[function](self.graph, *given, **other)
 
 
@@ -264,6 +273,12 @@ FOLLOWED: dict[Callable[..., Any], Callable[..., Any]] = {
     np.interp: _between,
     np.einsum: _einsum,
 }
+
+ALLOWED = (
+    "operators that make new arrays, @ with a constant on its right, array[:, columns], and np."
+    + ", ".join(sorted({*FUNCTIONS, *REWRITTEN, *(one.__name__ for one in FOLLOWED)}))
+)
+"""What is followed, for messages."""
 
 
 @dataclass(eq=False)

@@ -1,6 +1,7 @@
 """Do exported policies act as the originals, step after step?"""
 
 import json
+import operator
 import re
 import sys
 from pathlib import Path
@@ -233,12 +234,42 @@ class Hiding(Law):
         return self.gain * state[:, 2:3], memory
 
 
+class Stumbling(Law):
+    """In one step of the whole episode it acts otherwise."""
+
+    def __init__(self):
+        self.step = 0
+
+    def action(self, memory, state, _):
+        self.step += 1
+        return (0.3 if self.step == 90 else 0.1) * state[:, 2:3], memory
+
+
+class Of(Law):
+    """A law of one line of NumPy."""
+
+    def __init__(self, line):
+        self.line = line
+
+    def action(self, memory, state, _):
+        return self.line(state), memory
+
+
 @pytest.mark.parametrize(
     ("law", "said"),
     [
         (Counting(), "'mine'; allowed for an export: one that makes its action of observations"),
-        (Choosing(), "has no attribute 'all'"),
-        (Hiding(), "'mine', which acts otherwise than its arithmetic in 9"),
+        (Choosing(), "array.all: cannot be exported; allowed: operators that make new arrays, @"),
+        (
+            Stumbling(),
+            "'mine', which acts otherwise than its arithmetic in 0.01 of steps, as random",
+        ),
+        (Of(lambda x: np.stack([x[:, 2]], axis=1)), "np.stack: cannot be exported; allowed: opera"),
+        (Of(lambda x: np.hypot(x[:, :1], 1.0)), "np.hypot: cannot be exported; allowed: operators"),
+        (Of(lambda x: operator.iadd(x[:, 2:3], 0.1)), "np.add in place: cannot be exported; allow"),
+        (Of(lambda x: x[:, 2]), "actions: got shape ('lanes',); allowed: ('lanes', 1)"),
+        (Of(lambda x: x @ np.ones((3, 1))), "@ of shapes ('lanes', 4) and (3, 1): cannot be expo"),
+        (Hiding(), "'mine', which acts otherwise than its arithmetic in 0.9"),
     ],
 )
 def test_law_that_does_something_else_is_refused(law, said):
