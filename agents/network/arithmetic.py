@@ -38,7 +38,7 @@ MADE: dict[str, Callable[..., Numbers]] = {
 }
 """By the name of an operation: what makes its numbers (lanes, width)."""
 
-INPUTS = {CHOICE: 3, **{name: getattr(np, name).nin for name in FUNCTIONS}}
+INPUTS = {CHOICE: 3, **{name: form.count("{}") for name, (form, _) in FUNCTIONS.items()}}
 """By the name of an operation number by number: how many inputs it has."""
 
 MOST = 2**16
