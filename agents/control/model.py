@@ -1,5 +1,6 @@
 """The scene without what a controller cannot know, for predictions, and what disturbs it."""
 
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from agents.control.actuators import Actuators
 from agents.control.controller import Memory, chosen
 from agents.control.scene import ENDLESS, PARTS, drawn_but, nominal, plant_of
-from mm_gym import DesignError, MovingMassVectorEnv, Scene
+from mm_gym import DesignError, MovingMassVectorEnv, Plant, Scene
 from mm_gym.arrays import Array
 
 AMPLE = 1e3
@@ -155,28 +156,13 @@ class LinearModel:
         if plant.kind not in {"linear", "parametric linear"} or len(self.tuned) > 1:
             msg = f"model: got a {plant.kind} plant of {', '.join(names)}; allowed: a linear one"
             raise DesignError(msg)
-        points: list[dict[str, float] | None] = [None]
+        field, self.middle, self.half = "", 0.0, 0.0
         for k in self.tuned:
-            field = {"stretch": "initial.stretch", "damping": str(scene.actuation.damped)}
-            self.middle, self.half = actuators.middle[k], actuators.half[k]
-            values = self.middle + self.half * chebyshev.chebpts1(TERMS)
-            points = [{field[names[k]]: float(value)} for value in values]
-        sampled = [
-            plant.state_space(["force"] * len(self.forces), [], sampled=True, at=at)
-            for at in points
-        ]
-        # (points, 4, 4 + forces): the transition, and what a force adds.
-        both = np.stack([np.hstack([one.A[:4, :4], one.B[:4]]) for one in sampled])
-        if self.tuned:
-            basis = chebyshev.chebvander(chebyshev.chebpts1(TERMS), TERMS - 1)
-            both = np.linalg.solve(basis, both.reshape(TERMS, -1)).reshape(both.shape)
-            sizes = np.abs(both).max(axis=0)
-            matter = (np.abs(both) > ROUND_OFF * sizes).any(axis=(1, 2)).nonzero()[0]
-            both = both[: matter[-1] + 1]
-            if len(both) == TERMS:
-                msg = f"model: {names[self.tuned[0]]}: too wide a range for a series"
-                raise DesignError(msg)
-        self.series, self.own_rows = both, ()
+            fields = {"stretch": "initial.stretch", "damping": str(scene.actuation.damped)}
+            field = fields[names[k]]
+            self.middle, self.half = float(actuators.middle[k]), float(actuators.half[k])
+        self.series = _series(plant, len(self.forces), field, self.middle, self.half)
+        self.own_rows = ()
 
     def at_rest(self, lanes: int) -> Array:
         """Return no states of an interface (lanes, 0)."""
@@ -200,6 +186,30 @@ class LinearModel:
         matrices = rows.reshape(-1, *self.series.shape[1:])
         self.state = np.einsum("nij,nj->ni", matrices, known)
         return self.state, None
+
+
+@lru_cache(maxsize=64)  # every design of a search asks for that of the same scene
+def _series(plant: Plant, forces: int, field: str, middle: float, half: float) -> Array:
+    """Return the transition and what a force adds, as a series (terms, 4, 4 + forces) in a field.
+
+    Without a field it is a single term. Raise `DesignError` if it does not end.
+    """
+    nodes = chebyshev.chebpts1(TERMS)
+    values = middle + half * nodes
+    points = [{field: float(value)} for value in values] if field else [None]
+    inputs = ["force"] * forces
+    sampled = [plant.state_space(inputs, [], sampled=True, at=at) for at in points]
+    both = np.stack([np.hstack([one.A[:4, :4], one.B[:4]]) for one in sampled])
+    if not field:
+        return both
+    basis = chebyshev.chebvander(nodes, TERMS - 1)
+    both = np.linalg.solve(basis, both.reshape(TERMS, -1)).reshape(both.shape)
+    matter = np.abs(both) > ROUND_OFF * np.abs(both).max(axis=0)
+    last = matter.any(axis=(1, 2)).nonzero()[0][-1]
+    if last == TERMS - 1:
+        msg = f"model: {field}: too wide a range for a series"
+        raise DesignError(msg)
+    return both[: last + 1]
 
 
 def model_of(scene: Scene) -> Model | LinearModel:
