@@ -116,15 +116,16 @@ def test_one_storey_moves_as_its_scene_under_control(actuation, action):
         assert abs(row.full_rms - idle[row.name].full_rms) > 1e-3 * row.full_rms
 
 
-def test_motion_lasts_as_long_as_it_is_asked_for():
-    reduction = ONE.reduce(1)
-    scene = reduction.scene(
-        0.5,
-        interface=VISCOUS,
-        springs=SPRINGS,
-        actuation={"force": {"limit": 1.0}},
-        control={"time_step": 0.02, "steps": 100},
+def with_a_force():
+    reduction, actuation = ONE.reduce(1), {"force": {"limit": 1.0}}
+    control = {"time_step": 0.02, "steps": 100}
+    return reduction, reduction.scene(
+        0.5, interface=VISCOUS, springs=SPRINGS, actuation=actuation, control=control
     )
+
+
+def test_motion_lasts_as_long_as_it_is_asked_for():
+    reduction, scene = with_a_force()
     ground = white_noise(2.1, 0.07, seed=3)
     found = compare(reduction, scene, ground, duration=1.0, action=np.linspace(-1.0, 1.0, 50))
     assert found.time[-1] == 1.0
@@ -133,14 +134,7 @@ def test_motion_lasts_as_long_as_it_is_asked_for():
 
 
 def test_commands_begin_on_time_where_samples_of_the_ground_almost_do():
-    reduction = ONE.reduce(1)
-    scene = reduction.scene(
-        0.5,
-        interface=VISCOUS,
-        springs=SPRINGS,
-        actuation={"force": {"limit": 1.0}},
-        control={"time_step": 0.02, "steps": 100},
-    )
+    reduction, scene = with_a_force()
     # Not the same time, but by less than round-off of the last: as of times that lost digits.
     ground = GROUND * [1.0 - 1.9e-12, 1.0]
     found = compare(reduction, scene, ground, action=lambda t, _: 3.0 * np.sin(7.0 * t))
