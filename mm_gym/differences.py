@@ -1,4 +1,4 @@
-"""Central differences over rows of lanes, for what has no derivative of its own."""
+"""Slopes of what lanes show and cost, and central differences for what has none of its own."""
 
 from __future__ import annotations
 
@@ -46,8 +46,9 @@ def central_differences(
 class Outputs:
     """What lanes show and cost at a control step's end, and its slopes over the motion.
 
-    Accelerations and forces follow from the motion, from what is applied and from the excitation;
-    they are derived anew at each difference.
+    Channels of the motion and of what is applied are linear, and the reward is quadratic in them:
+    their slopes are exact. Accelerations, the springs' force and your own reward follow from the
+    motion, from what is applied and from the excitation; they are derived anew at each difference.
 
     Parameters
     ----------
@@ -58,15 +59,42 @@ class Outputs:
     """
 
     def __init__(self, env: MovingMassVectorEnv, physics: Sensitivities) -> None:
-        self.env = env
+        self.env, self.physics = env, physics
         self.rows = [*physics.state_rows, *(actuator.row for actuator in physics.actuators)]
         self.steps = difference_steps(env.scene, physics)
         self.channels = [(CHANNELS[c.name], c.factor) for c in env.plant.observed]
+        derived = any(channel.row in layout.REACTIONS for channel, _ in self.channels)
+        self.are_exact = not (derived or env.scene.own_reward or env.plant.scores_reactions)
+        if self.are_exact:
+            self._shown, self._weight = self._linear(), self._quadratic()
 
-    def slopes(self) -> Array:
-        """Return the slopes (channels + 1, rows, lanes) at the present step's end."""
+    def slopes(self) -> tuple[Array, Array]:
+        """Return those of the channels and of the cost at the present step's end.
+
+        They are (channels, rows, lanes), or (channels, rows, 1) where all lanes have the same, and
+        (rows, lanes).
+        """
+        if self.are_exact:
+            return self._shown, self._weight @ self.physics.lanes[self.rows]
         values = np.asarray(self.env.get_state()["values"])
-        return central_differences(self._values, values, self.rows, self.steps)
+        found = central_differences(self._values, values, self.rows, self.steps)
+        return found[:-1], found[-1]
+
+    def _linear(self) -> Array:
+        """Return the slopes of the channels over their scales; what they subtract is motion."""
+        rows = np.array(self.rows)
+        signs = [(c.row == rows) * 1.0 - (c.subtracted == rows) for c, _ in self.channels]
+        factors = np.array([factor for _, factor in self.channels])
+        return (factors[:, None] * np.array(signs))[..., None]
+
+    def _quadratic(self) -> Array:
+        """Return W of the slopes W x of the cost."""
+        displacement, velocity, stroke = plain(state_weights)(self.env.plant.task)
+        weight = np.zeros((len(self.rows), len(self.rows)))
+        weight[:2, :2] = 2.0 * stroke * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        weight[0, 0] += 2.0 * displacement
+        weight[2, 2] = 2.0 * velocity
+        return weight
 
     def _values(self, lanes: Array) -> Array:
         """Return what lanes (rows, n) show, over its scale, and their cost: (channels + 1, n)."""

@@ -156,9 +156,9 @@ class Episodes:
     """Parallel episodes of a scene that torch can differentiate.
 
     The numbers are those of `MovingMassVectorEnv`: observations with delay, noise and history, and
-    costs. Their derivatives with respect to the motion are central differences at the end of a
-    step. The derivatives of the motion with respect to earlier motion and actions are its exact
-    Jacobians.
+    costs. Their derivatives with respect to the motion are exact; those of accelerations, of the
+    springs' force and of your own reward are central differences at the end of a step. The
+    derivatives of the motion with respect to earlier motion and actions are its exact Jacobians.
 
     With springs whose stretch is actuated, slopes grow without bound near a switching controller,
     in few lanes by many orders of magnitude. `fade` and `most` limit them; the gradient is then not
@@ -242,16 +242,15 @@ class Episodes:
         observation, rewards, *_ = self.env.step(actions)  # first: it refuses before all changes
         found = self._physics.jacobian(actions.T)
         self._state = _moved(found, self._state, action, fade=self.fade, most=self.most)
-        slopes = _tensor(np.moveaxis(self._outputs.slopes(), -1, 0))  # (lanes, channels + 1, rows)
-        motion = self._state[:, : slopes.shape[2]]
-        changes = torch.einsum("lij,lj->li", slopes, motion)
-        self._measured = [*self._measured[1:], changes[:, :-1]]
+        by_channel, by_cost = (_tensor(slopes) for slopes in self._outputs.slopes())
+        motion = self._state[:, : by_cost.shape[0]]
+        self._measured = [*self._measured[1:], torch.einsum("crl,lr->lc", by_channel, motion)]
         self._received = [*self._received[1:], self._arriving()]
         shown = torch.cat(self._received, dim=1)
         effort = self._effort * (action**2).sum(dim=1)
         return (
             _with_slopes(_tensor(observation), shown.float()),
-            _with_slopes(_tensor(-rewards), changes[:, -1] + effort),
+            _with_slopes(_tensor(-rewards), torch.einsum("rl,lr->l", by_cost, motion) + effort),
         )
 
     def detach(self) -> None:

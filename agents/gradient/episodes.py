@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.observed_actuators import ROWS
 from agents.controllers.lqr import state_weight
 from agents.gradient.network import Network
 from mm_gym import ActionError, DesignError, MovingMassVectorEnv, Scene
@@ -13,11 +12,6 @@ from mm_gym.arrays import Array, Single
 from mm_gym.differences import Outputs
 from mm_gym.errors import refuse
 from mm_gym.sensitivity import Sensitivities
-
-FROM_OUTSIDE = ("disturbance_force", "ground_acceleration")  # channels that no action changes
-
-APPLIED = {"applied_force": "force"} | {name: name for name in ("stretch", "damping", "voltage")}
-"""Channel -> name of the actuator that it shows."""
 
 MOST = 10.0  # largest slope of a lane over the median of all lanes, by default
 
@@ -49,16 +43,10 @@ class Episodes:
         self.lanes, self.steps, self.most = lanes, scene.control.steps, most
         self.env = MovingMassVectorEnv(scene, lanes, autoreset_mode="Disabled", info="none")
         self._begin(range(lanes))
-        self.shown = _shown(self.env, self.physics)
         size, self.motion = len(self.physics.actuators), len(self.physics.state_rows)
-        own, reacts = scene.own_reward is not None, self.env.plant.scores_reactions
-        # Where all is linear or quadratic in the state, its slopes are known; else by differences.
-        derived = own or reacts or self.shown is None
-        self.outputs = Outputs(self.env, self.physics) if derived else None
-        self.weight = np.zeros((self.motion, self.motion))
-        if not derived:
-            self.weight[:4, :4] = state_weight(scene)
-        self.effort = 0.0 if own else objective.effort_weight
+        if self.outputs.are_exact:
+            state_weight(scene)
+        self.effort = 0.0 if scene.own_reward else objective.effort_weight
         self.states: Array = np.empty((self.steps, self.motion, lanes))
         self.actions: Array = np.empty((self.steps, size, lanes))
 
@@ -68,6 +56,7 @@ class Episodes:
         start, plant = self.env.get_state(), self.env.plant
         lanes = start["values"], start["streams"]
         self.physics = Sensitivities(plant.support, (plant.model, plant.task), lanes)
+        self.outputs = Outputs(self.env, self.physics)
         return observation
 
     def run(self, network: Network, seeds: Sequence[int]) -> float:
@@ -77,7 +66,7 @@ class Episodes:
         """
         observation = self._begin(seeds)
         self.jacobians, self.newest, total = [], [], 0.0
-        self.slopes: list[Array] = []
+        self.slopes: list[tuple[Array, Array]] = []
         for step in range(self.steps):
             self.newest.append(step - self._ages(step))
             asked = network.act(step, observation.T)
@@ -88,13 +77,9 @@ class Episodes:
             self.jacobians.append((found.state, found.action))
             self.states[step] = found.end[:, : self.motion].T
             observation, rewards, *_ = self.env.step(actions.T)
-            if self.outputs is not None:
-                self.slopes.append(self.outputs.slopes())
-                total -= float(np.mean(rewards))
-        if self.outputs is not None:
-            return total / self.steps
-        motion = np.mean(np.sum(self.states * (self.weight @ self.states), axis=1))
-        return float(motion + self.effort * np.mean(self.actions**2) * self.actions.shape[1])
+            self.slopes.append(self.outputs.slopes())
+            total -= float(np.mean(rewards))
+        return total / self.steps
 
     def _ages(self, step: int) -> NDArray[np.int64]:
         """Return the ages (lanes,) of the newest frames observed, in control steps."""
@@ -142,10 +127,8 @@ class Episodes:
         scale = np.zeros(size)
         scale[: self.motion] = np.sqrt(np.mean(self.states**2, axis=(0, 2)))
         for step in range(self.steps - 1, -1, -1):
-            state[: self.motion] += part * (self.weight @ self.states[step])
-            if self.outputs is not None:
-                cost = self.slopes[step][-1]
-                state[: len(cost)] += 0.5 * part * cost
+            _, cost = self.slopes[step]
+            state[: len(cost)] += 0.5 * part * cost
             by_state, by_action = self.jacobians[step]
             action = np.einsum("lij,il->jl", by_action, state)
             action += part * self.effort * self.actions[step]
@@ -157,11 +140,9 @@ class Episodes:
             shown = network.back(step, action, inwards=inwards)
             for age, frame in zip(ages[step], shown.reshape(history, rows, -1)[::-1], strict=True):
                 frames[age, :, every] += frame.T
-            if self.shown is not None:
-                state += feedback * (self.shown.T @ frames[0])
-            elif step > 0:  # the frame is of the end of the step before
-                by_motion = np.einsum("crl,cl->rl", self.slopes[step - 1][:-1], frames[0])
-                state[: len(by_motion)] += feedback * by_motion
+            if step > 0:  # the frame is of the end of the step before
+                by_channel, _ = self.slopes[step - 1]
+                state[: len(cost)] += feedback * np.einsum("crl,cl->rl", by_channel, frames[0])
             frames[:-1] = frames[1:]
             frames[-1] = 0.0
 
@@ -171,23 +152,3 @@ def _bounded(sizes: Array, most: float) -> Array:
     half = sizes.size // 2
     largest = max(most * float(np.partition(sizes, half)[half]), np.finfo(float).tiny)
     return largest / np.maximum(sizes, largest)
-
-
-def _shown(env: MovingMassVectorEnv, physics: Sensitivities) -> Array | None:
-    """Return the slopes (channels, state) of a frame over the state of the Jacobians.
-
-    They are None where a channel is no linear function of the state.
-    """
-    names = [actuator.name for actuator in physics.actuators]
-    remembered = sum(actuator.has_memory_of_command for actuator in physics.actuators)
-    motion = len(physics.state_rows)
-    slopes = np.zeros((len(env.plant.observed), motion + len(names) + remembered))
-    for row, channel in enumerate(env.plant.observed):
-        if channel.name in ROWS:
-            slopes[row, :4] = ROWS[channel.name]
-        elif APPLIED.get(channel.name) in names:
-            slopes[row, motion + names.index(APPLIED[channel.name])] = 1.0
-        elif channel.name not in (*APPLIED, *FROM_OUTSIDE):
-            return None
-        slopes[row] *= channel.factor
-    return slopes

@@ -25,6 +25,7 @@ class Module(nn.Module):
             tensor = torch.tensor(array)
             self.tensors[name] = tensor if is_fixed else nn.Parameter(tensor)
             (self.register_buffer if is_fixed else self.register_parameter)(key, self.tensors[name])
+        self.layers = policy.with_arrays(self.tensors).layers
 
     @property
     def trained(self) -> dict[str, Tensor]:
@@ -37,7 +38,7 @@ class Module(nn.Module):
 
     def forward(self, observation: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
         """Return the actions (lanes, k) for observations (lanes, n), and the memory after them."""
-        return run(self.start.with_arrays(self.tensors).layers, torch, observation, memory)
+        return run(self.layers, torch, observation, memory)
 
     def policy(self, tensors: Mapping[str, Tensor] | None = None) -> Policy:
         """Return it as a policy of NumPy's arrays, by default of its own tensors."""

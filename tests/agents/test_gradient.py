@@ -148,9 +148,9 @@ class Exact:
 
     def __init__(self, own):
         self.own, self.env, self.plant = own, own.env, own.env.plant
+        self.scene = own.env.scene
         self.get_state = own.env.get_state
         self.zero = np.array([[channel.zero * channel.factor] for channel in self.plant.observed])
-        self.follows = np.ones(len(self.zero), bool) if own.shown is None else own.shown.any(axis=1)
 
     def reset(self, **options):
         observation, info = self.env.reset(**options)
@@ -159,12 +159,8 @@ class Exact:
         return observation, info
 
     def step(self, actions):
-        observation, *rest = self.env.step(actions)
-        state, values = self.own.physics.state, self.get_state()["values"].copy()
-        if self.own.shown is None:
-            shown = self.own.outputs._values(values)[:-1] - self.zero
-        else:
-            shown = self.own.shown[:, : len(state)] @ state - self.zero
+        _, *rest = self.env.step(actions)
+        shown = self.own.outputs._values(self.get_state()["values"].copy())[:-1] - self.zero
         self.measured.append(shown)
         ages, row = np.full(shown.shape[1], self.plant.delay), self.plant.support.age_row
         if row:
@@ -172,9 +168,7 @@ class Exact:
         ages = np.minimum(ages, len(self.measured) - 1)
         newest = [self.measured[-1 - age][:, lane] for lane, age in enumerate(ages)]
         self.received = [*self.received[1:], np.stack(newest, axis=1)]
-        exact = np.concatenate(self.received)
-        follows = np.tile(self.follows, self.plant.history)
-        return np.where(follows, exact.T, observation), *rest
+        return np.concatenate(self.received).T, *rest
 
 
 class Replayed:
@@ -182,6 +176,7 @@ class Replayed:
 
     def __init__(self, own):
         self.own, self.plant, self.get_state = own, own.plant, own.get_state
+        self.scene = own.scene
         self.shown = []
 
     def reset(self, **options):

@@ -196,7 +196,7 @@ def test_the_shown_acceleration_has_the_slope_of_the_damping_force(of, sign):
     wanted = shown.factor * (sign * v2 - v1) / scene.carriage.mass
     assert abs(wanted).min() > 0.01
     # Central differences of a linear function: their round-off is some 1e-10 of the acceleration.
-    found = episodes._outputs.slopes()[0, -1]
+    found = episodes._outputs.slopes()[0][0, -1]
     assert found == pytest.approx(wanted, rel=1e-7)
 
 
