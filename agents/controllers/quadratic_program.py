@@ -1,11 +1,9 @@
 """The quadratic program of linear predictive control: a horizon of forces within limits."""
 
-from importlib import import_module
 from math import inf
 from typing import Any
 
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, toeplitz
 from scipy.sparse import csc_matrix
@@ -15,6 +13,7 @@ from agents.control.controller import Acted, Memory
 from agents.controllers.lqr import Quadratic
 from mm_gym import Scene
 from mm_gym.arrays import Array
+from mm_gym.extras import optional
 
 RHO = 0.1  # step size with which OSQP begins
 
@@ -220,11 +219,7 @@ def _solver(hessian: Array, hard: Array, moved: Array) -> Any:  # noqa: ANN401 -
 
     `hard` is what forces do to what is limited for good, and `moved` to what has a slack.
     """
-    try:
-        osqp = import_module("osqp")
-    except ImportError as error:
-        msg = "linear MPC needs OSQP; install the extra `mpc`"
-        raise DependencyNotInstalled(msg) from error
+    osqp = optional("osqp", "linear MPC needs OSQP; install the extra `mpc`")
     slacks, one = len(moved), np.eye(len(moved))
     limits = np.block(
         [

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 from scipy.optimize import minimize_scalar
 
 from agents.control.controller import Controller, Law, StateSource
@@ -19,6 +18,7 @@ from agents.controllers.registry import Tunable
 from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, validation_cost
 from mm_gym import DesignError, Scene
 from mm_gym.arrays import Array
+from mm_gym.extras import optional
 
 Designed = TypeVar("Designed", bound=Controller)
 Tried = TypeVar("Tried")
@@ -178,11 +178,7 @@ def cma_strategy(
 
     Raise `gymnasium.error.DependencyNotInstalled` without pycma (extra: evolve).
     """
-    try:
-        import cma  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        msg = "pycma is missing: install the extra `evolve`"
-        raise DependencyNotInstalled(msg) from error
+    cma = optional("cma", "pycma is missing: install the extra `evolve`")
     fixed = {
         "randn": lambda *shape: generator.standard_normal(shape),
         "seed": np.nan,  # NumPy's global generator is left alone

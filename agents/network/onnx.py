@@ -7,7 +7,6 @@ would need torch and onnxscript in addition, and reads modules of torch only.
 from typing import Any
 
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 
 from agents.network.graph import (
     CHOICE,
@@ -20,6 +19,7 @@ from agents.network.graph import (
     Signal,
 )
 from mm_gym.arrays import Array
+from mm_gym.extras import optional
 
 OPSET, FORMAT = 17, 8  # versions of operators and file, of 2022: runtimes since read them
 
@@ -31,11 +31,7 @@ def onnx_bytes(graph: Graph, comment: str = "") -> bytes:
     arithmetic between them is in double precision, as NumPy's is. The comment is noted in the file.
     Raise `DependencyNotInstalled` if onnx is missing.
     """
-    try:
-        import onnx  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        msg = "an ONNX file needs onnx: install the extra `onnx`"
-        raise DependencyNotInstalled(msg) from error
+    onnx = optional("onnx", "an ONNX file needs onnx: install the extra `onnx`")
     file = _File(onnx, graph)
     model = onnx.helper.make_model(
         file.whole(),

@@ -18,7 +18,6 @@ from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias, get_args
 
-from gymnasium.error import DependencyNotInstalled
 from pydantic import BaseModel, Field, JsonValue, Strict
 from tyro.constructors import PrimitiveConstructorSpec
 
@@ -40,6 +39,7 @@ from agents.training.runs import Run, RunError, by_dotted_name, differences, few
 from agents.value_iteration.iteration import IterateSettings, iterate
 from mm_gym import SceneError
 from mm_gym.errors import check_name, refuse
+from mm_gym.extras import optional
 from mm_gym.files import write_csv, write_text
 from mm_gym.scene import Document
 from mm_gym.tasks import ids, robust_ids
@@ -469,11 +469,7 @@ def work_on_ray(trials: Trials, address: str | None, processes: int | None, repo
     processes
         Processors of a cluster on this machine; by default all.
     """
-    try:
-        import ray  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        msg = "--ray needs Ray: install the extra `ray`"
-        raise DependencyNotInstalled(msg) from error
+    ray = optional("ray", "--ray needs Ray: install the extra `ray`")
     ray.init(
         address=address,
         num_cpus=None if address else processes,

@@ -1,13 +1,11 @@
 """Models of Stable-Baselines3 and sb3-contrib, made from settings, and policies taken from them."""
 
 import io
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from gymnasium.error import DependencyNotInstalled
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.noise import NormalActionNoise
@@ -22,6 +20,7 @@ from agents.training import config
 from agents.training.parts import NO_BASE
 from mm_gym import SceneError
 from mm_gym.arrays import Array
+from mm_gym.extras import optional
 from mm_gym.files import read_bytes
 
 CLASSES = {
@@ -40,11 +39,8 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
     Raise `DependencyNotInstalled` if it is one of sb3-contrib, and that is not installed.
     """
     module, attribute = CLASSES[name]
-    try:
-        return getattr(import_module(module), attribute)
-    except ImportError as error:
-        msg = f"algorithm {name!r} needs sb3-contrib: install the extra `contrib`"
-        raise DependencyNotInstalled(msg) from error
+    remedy = f"algorithm {name!r} needs sb3-contrib: install the extra `contrib`"
+    return getattr(optional(module, remedy), attribute)
 
 
 ARGUMENTS = {
