@@ -24,9 +24,10 @@ from agents.control.controller import Controller
 from agents.controllers.tuned import NOT_SCORED, baselines
 from agents.controllers.user_defined import user_defined
 from agents.errors import command
+from agents.evaluation.changed_scenes import Records, check_records
 from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import BASELINES, Episodes, read_field
-from agents.evaluation.studies import Records, Studies, check_records, measure
+from agents.evaluation.measurement import Studies, measure
 from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.report.charts import draw_costs, draw_response
 from agents.report.comparison import report_comparison

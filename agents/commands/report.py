@@ -16,7 +16,7 @@ import tyro
 from agents.errors import command
 from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import BASELINES, Episodes, read_field
-from agents.evaluation.studies import measure
+from agents.evaluation.measurement import measure
 from agents.report.web_page import LARGEST, STUDIED, report_page
 from agents.scoring import HELD_OUT_SEED
 from mm_gym import SceneError

@@ -19,7 +19,7 @@ from agents.evaluation.aggregates import (
 )
 from agents.evaluation.contestants import Episodes
 from agents.evaluation.headroom import least_cost, read_scores
-from agents.evaluation.studies import TaskResult
+from agents.evaluation.measurement import TaskResult
 from agents.scoring import tail_mean
 from mm_gym import Scene
 from mm_gym.arrays import Array

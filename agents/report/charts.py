@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.evaluation.studies import DELAY, NOISE, NOMINAL, RECORD, ClosedLoop, Outcome
+from agents.evaluation.changed_scenes import DELAY, NOISE, NOMINAL, RECORD, Outcome
+from agents.evaluation.closed_loop import ClosedLoop
 from agents.scoring import Evaluation
 from mm_gym import Scene
 from mm_gym.arrays import Array

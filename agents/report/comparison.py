@@ -11,7 +11,7 @@ from rich.console import Console
 
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.conclusions import THRESHOLDS, Comparison, Overall, Row
-from agents.evaluation.studies import TaskResult
+from agents.evaluation.measurement import TaskResult
 from agents.report.charts import LINE, draw, frequency, robustness
 from agents.report.pages import not_scored_cells, percent, print_table, render, write_rows
 from mm_gym import SceneError

@@ -12,7 +12,8 @@ from markupsafe import Markup
 
 from agents.evaluation.conclusions import Comparison
 from agents.evaluation.contestants import Episodes, Field
-from agents.evaluation.studies import Motions, Studies, TaskResult
+from agents.evaluation.measurement import Studies, TaskResult
+from agents.evaluation.motions import Motions
 from agents.report.charts import Panel, frequency, robustness
 from agents.report.comparison import against, episodes_in_words, paired_cells
 from agents.report.pages import FOLDER, not_scored_cells, web_page

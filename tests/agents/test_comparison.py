@@ -20,7 +20,7 @@ from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.aggregates import Sample
 from agents.evaluation.conclusions import CHOSEN, best_known, conclude, scores_of
 from agents.evaluation.contestants import Contestant, Episodes, Field, law_of, read_field
-from agents.evaluation.studies import TaskResult, measure
+from agents.evaluation.measurement import TaskResult, measure
 from agents.policies import Policy, PolicyError, network
 from agents.report.comparison import (
     _file_name,

@@ -17,7 +17,7 @@ from agents.controllers.predictive_control import PredictiveControl, predictive_
 from agents.controllers.velocity_feedback import best_velocity_feedback
 from agents.evaluation.contestants import Episodes as Compared
 from agents.evaluation.contestants import law_of, read_field
-from agents.evaluation.studies import measure
+from agents.evaluation.measurement import measure
 from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings

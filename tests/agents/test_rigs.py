@@ -16,9 +16,9 @@ from agents.control.trajectories import Trajectories
 from agents.controllers.learned import Learned
 from agents.controllers.lqr import LaggingLQR
 from agents.evaluation import rigs
+from agents.evaluation.changed_scenes import variants
 from agents.evaluation.plans import Effort
 from agents.evaluation.rigs import DELAYS, read_robustness, rigs_of, scores_of, task_of
-from agents.evaluation.studies import variants
 from agents.evolution.search import EvolveSettings
 from agents.report.published import published_agents, read_published
 from agents.report.score_pages import ROBUSTNESS as PAGE

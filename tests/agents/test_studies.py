@@ -14,22 +14,19 @@ from agents.controllers.constant import no_control
 from agents.controllers.lqr import LQR
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.aggregates import Sample
-from agents.evaluation.conclusions import conclude
-from agents.evaluation.contestants import Contestant, Entry, Episodes, Field
-from agents.evaluation.studies import (
+from agents.evaluation.changed_scenes import (
     FACTORS,
     NOMINAL,
-    POINTS,
     Records,
-    Studies,
-    TaskResult,
     check_records,
-    closed_loop,
-    efforts,
-    measure,
     outcomes,
     variants,
 )
+from agents.evaluation.closed_loop import POINTS, closed_loop
+from agents.evaluation.conclusions import conclude
+from agents.evaluation.contestants import Contestant, Entry, Episodes, Field
+from agents.evaluation.effort import efforts
+from agents.evaluation.measurement import Studies, TaskResult, measure
 from agents.report.charts import draw, frequency, robustness
 from agents.report.comparison import write_comparison
 from agents.report.pages import print_ranking, write_scores

@@ -14,7 +14,7 @@ from agents.commands import evaluate, record, report
 from agents.commands.evaluate import report_run
 from agents.controllers.registry import laws
 from agents.evaluation.contestants import read_field
-from agents.evaluation.studies import entries
+from agents.evaluation.measurement import entries
 from agents.policies import PolicyError
 from agents.sweeps.trials import do_trial
 from agents.training.config import TrainSettings, read_settings

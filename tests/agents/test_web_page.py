@@ -10,9 +10,11 @@ from browser import chromium
 from tasks import CARRIAGE_FORCE
 
 from agents.commands import report as command
+from agents.evaluation.changed_scenes import NOMINAL
 from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import Episodes, law_of, read_field
-from agents.evaluation.studies import NOMINAL, Motions, measure
+from agents.evaluation.measurement import measure
+from agents.evaluation.motions import Motions
 from agents.policies import network
 from agents.report.web_page import STUDIED, report_page
 from agents.scoring import evaluate
