@@ -20,10 +20,9 @@ from agents.sweeps.trials import (
     check_scenes,
     check_settings,
     result_file,
-    work_here,
-    work_on_ray,
     write_results,
 )
+from agents.sweeps.workers import work_here, work_on_ray
 from agents.training.config import RunSettings
 from agents.training.progress import notes_of
 from agents.training.runs import Run

@@ -23,7 +23,7 @@ from pages import ROOT
 from agents.__main__ import commands
 from agents.__main__ import main as top
 from agents.policies import network
-from agents.sweeps.trials import _done
+from agents.sweeps.workers import _done
 from agents.training.parts import base_controller
 from agents.training.runs import Run
 from mm_gym import files

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -402,6 +403,32 @@ def test_a_training_that_cannot_be_read_keeps_no_other_from_the_results(tmp_path
     rows = (tmp_path / "results.csv").read_text().splitlines()
     start = "CarriageForce,ppo,plain"
     assert rows[1:] == [f"{start},0,8.0,0.5,0.25", f"{start},2,8.0,0.5,0.25"]
+
+
+def test_trainings_end_with_a_sweep_that_is_killed(tmp_path):
+    words = ["--name", "killed", "--tasks", "CarriageForce", "--settings"]
+    endless = json.dumps(SMALL | {"steps": 10**9})
+    run = Run("CarriageForce-ppo-plain-0", tmp_path / "runs" / "killed")
+
+    def trains():
+        try:
+            with run.locked():
+                return False
+        except RunError:
+            return True
+
+    command = [sys.executable, "-m", "agents", "sweep", *words, endless]
+    with subprocess.Popen(command, cwd=tmp_path) as one:
+        while not (run.folder / "checkpoint.npz").exists():
+            assert one.poll() is None
+            time.sleep(0.1)
+        assert trains()
+        one.kill()
+    for _ in range(600):
+        if not trains():
+            return
+        time.sleep(0.1)
+    pytest.fail("the training goes on without its sweep")
 
 
 def test_tasks_and_variants_may_have_scenes_of_their_own():
