@@ -16,6 +16,7 @@ from shutil import which
 from typing import Annotated, Any, TypeVar, cast
 
 from filelock import lock_descriptor
+from llvmlite.binding import get_host_cpu_name
 from pydantic import BaseModel, Field, JsonValue, TypeAdapter, ValidationError
 
 from agents.training.config import RunSettings
@@ -233,7 +234,7 @@ class Run:
             "versions": versions(),
             "commit": commit(),
             "python": platform.python_version(),
-            "machine": platform.machine(),
+            "machine": f"{platform.machine()} ({get_host_cpu_name()})",
             "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         }
         write_text(self.record, json.dumps(contents, indent=2) + "\n")
