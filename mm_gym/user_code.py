@@ -61,10 +61,10 @@ def source(path: Path, what: str) -> str:
 
 
 def call(what: str, path: Path, function: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 - what the user wrote
-    """Call what the user wrote; raise `SceneError` with the line of an exception in it."""
+    """Call what the user wrote; raise `SceneError` with the line of an exception or exit in it."""
     try:
         return function(*arguments)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if Path(frame.filename) == path.absolute()]
         where = f", line {own[-1].lineno}" if own else ""

@@ -1,6 +1,7 @@
 """A controller of the user's own, from a file of theirs."""
 
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any, NoReturn, get_args
 
@@ -55,8 +56,8 @@ class Guard:
     def __init__(self, inner: object, path: Path, scene: Scene, what: str) -> None:
         self.inner: Any = inner
         self.path, self.columns, self.what = path, scene.actuation.names, what
-        self.name = str(getattr(inner, "name", type(inner).__name__))
-        self.reads: Reads = getattr(inner, "reads", "observation")
+        self.name = str(self.call(getattr, inner, "name", type(inner).__name__))
+        self.reads: Reads = self.call(getattr, inner, "reads", "observation")
         if self.reads not in get_args(Reads):
             self.refuse(f"reads: got {self.reads!r}", ", ".join(get_args(Reads)))
 
@@ -76,7 +77,8 @@ class Guard:
         if not isinstance(arguments[0], np.ndarray):  # it is followed for an export
             return self.call(method, memory, *arguments)
         lanes = len(arguments[0])
-        returned = self.call(method, memory, *arguments)
+        # It may write into what it is given, and nobody else sees that.
+        returned = self.call(method, *deepcopy((memory, *arguments)))
         if not (isinstance(returned, tuple) and len(returned) == 2):  # noqa: PLR2004
             self.refuse(
                 f"got a {type(returned).__name__}", "two things, the actions and the memory"
@@ -157,5 +159,6 @@ class UserController(Controller):
     def note(self, memory: Memory, action: Array) -> Memory:
         if not self.guard.has("note"):
             return memory
-        told = self.guard.call(self.guard.inner.note, memory, action)
+        given = deepcopy((memory, action)) if isinstance(action, np.ndarray) else (memory, action)
+        told = self.guard.call(self.guard.inner.note, *given)
         return self.guard.like(memory, self.guard.memory(told, len(action)))

@@ -9,11 +9,12 @@ from tasks import CARRIAGE_FORCE
 
 from agents.commands import evaluate as command
 from agents.control.feedback import Feedback
+from agents.controllers.constant import ConstantAction
 from agents.controllers.user_defined import user_defined
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.contestants import law_of
 from agents.scoring import evaluate
-from mm_gym import SceneError
+from mm_gym import MovingMassVectorEnv, SceneError
 
 SCENE = CARRIAGE_FORCE.replace(**{"control.steps": 20})
 
@@ -77,6 +78,22 @@ def test_controller_is_told_what_is_applied_if_it_has_note(tmp_path) -> None:
     np.testing.assert_array_equal(memory["sent"], np.full((4, 1), 0.5))
 
 
+def test_controller_that_writes_into_what_it_is_given_changes_no_episode(tmp_path) -> None:
+    text = CONTROLLER.replace('"observation"', '"full state"').replace(
+        "        assert not info\n",
+        "        observation[:] = 0.0\n        info['state'][:] = 0.0\n        info.clear()\n",
+    )
+    (own,) = user_defined(written(tmp_path, text) + ":Still", SCENE)
+    expected = evaluate(SCENE, ConstantAction(SCENE), episodes=4)
+    assert evaluate(SCENE, own, episodes=4).cost == expected.cost
+    counts = LAW.replace("        return", "        memory['n'] += 1\n        return")
+    counts += "\n    def begin(self, lanes):\n        return {'n': np.zeros(lanes)}\n"
+    _, law = user_defined(written(tmp_path, counts) + ":Damper", SCENE)
+    begun = {"law/n": np.zeros(2), **law.begin(MovingMassVectorEnv(SCENE, 2))}
+    law.propose(begun, np.zeros((2, 4)), {})
+    np.testing.assert_array_equal(begun["law/n"], 0.0)
+
+
 @pytest.mark.parametrize(
     ("returned", "message"),
     [
@@ -107,6 +124,8 @@ def test_law_that_returns_no_memory_is_refused(returned, message, tmp_path) -> N
         (LAW.replace("scene)", "scene, gain)"), "Damper", r"TypeError: .* 'gain'"),
         ("import nothing_of_this_name", "Damper", r"line 1: ModuleNotFoundError"),
         ("class Damper(:", "Damper", r"SyntaxError"),
+        ("import sys; sys.exit()", "Damper", r"line 1: SystemExit"),
+        (LAW + "    name = property(lambda self: 1 / 0)", "Damper", "line 11: ZeroDivisionError"),
         (CONTROLLER.replace('"observation"', '"all"'), "Still", "reads: got 'all'; allowed: obs"),
     ],
 )
