@@ -123,9 +123,7 @@ def regulator(
     regulated, a, b, own = regulated_part(plant, scene, at, system)
     stage = own.ahead(a, b) if own.cross.any() else own
     x, limit = state_units(scene, plant, system)[list(regulated)], Command(scene, "force").high
-    scaled = Quadratic(
-        stage.state * np.outer(x, x), stage.cross * x[:, None] * limit, stage.force * limit**2
-    )
+    scaled = stage.in_units(x, limit)
     with solvable("the regulator's Riccati equation"):
         found, riccati, poles = control.dlqr(
             a * x / x[:, None], b * limit / x[:, None], *scaled.weights, method="scipy"

@@ -14,6 +14,7 @@ from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.kalman_filter import hidden_mode, solvable
+from agents.control.model import state_scales
 from agents.control.scene import STATES, drawn_but, force_weight, nominal, plant_of
 from agents.controllers.constant import Held
 from agents.controllers.registry import Entry, regulator_entry, without_weight
@@ -52,12 +53,19 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
     motion has no weight or is not stabilisable, or the solution fails its checks: residual,
     definiteness, closed-loop eigenvalues.
     """
-    return solved(problem_of(scene, stretch))
+    return solved(scene, problem_of(scene, stretch))
 
 
-def solved(problem: Problem) -> Design:
-    """Solve the discrete Riccati equation of a problem; raise `DesignError` as `design` does."""
-    states, a, b, cost = problem
+def solved(scene: Scene, problem: Problem) -> Design:
+    """Solve the discrete Riccati equation of a scene's problem, in units of the objective's scales.
+
+    In SI units an equation of fast or heavy masses has too few digits. Raise `DesignError` as
+    `design` does.
+    """
+    states, limit = problem.states, Command(scene, "force").high
+    x = np.append(state_scales(scene), limit)[list(states)]
+    a, b = problem.a * x / x[:, None], problem.b * limit / x[:, None]
+    cost = problem.cost.in_units(x, limit)
     unreached = hidden_mode(a.T, b.T)
     if unreached is not None:
         msg = (
@@ -72,7 +80,7 @@ def solved(problem: Problem) -> Design:
     _check(gain, riccati, a, b, stage)
     if stage is not cost:
         riccati = riccati + cost.state
-    return Design(states, gain, riccati, cost.state)
+    return Design(states, gain * limit / x, riccati / np.outer(x, x), problem.cost.state)
 
 
 class Quadratic(NamedTuple):
@@ -88,6 +96,12 @@ class Quadratic(NamedTuple):
         """Q and R, and N if it is not zero: SciPy rounds otherwise where it is given."""
         both = self.state, self.force
         return (*both, self.cross) if self.cross.any() else both
+
+    def in_units(self, x: Array, force: float) -> Quadratic:
+        """Return it of states (n,) and a force that are measured in such units."""
+        return Quadratic(
+            self.state * np.outer(x, x), self.cross * x[:, None] * force, self.force * force**2
+        )
 
     def of(self, states: Sequence[int]) -> Quadratic:
         """Return the cost of some of the states, where the others have no part in it."""
@@ -251,7 +265,7 @@ class LaggingLQR(Law):
     name = "LQR of plant and lag"
 
     def __init__(self, scene: Scene) -> None:
-        self.design = solved(lagging(scene, problem_of(scene)))
+        self.design = solved(scene, lagging(scene, problem_of(scene)))
         self.limit = Command(scene, "force").high
 
     def action(self, memory: Memory, state: Array, applied: Array) -> Acted:

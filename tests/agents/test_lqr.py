@@ -1,5 +1,6 @@
 """Is the linear-quadratic regulator optimal, and does it refuse what it cannot do?"""
 
+import mpmath
 import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
@@ -53,6 +54,35 @@ def test_rolled_out_cost_equals_the_riccati_cost(springs: dict, stroke_weight: f
     # The Riccati solver keeps about 1e-12; what is left after 30 s of the slowest mode is far
     # below.
     np.testing.assert_allclose(-total, expected, rtol=1e-9)
+
+
+HEAVY = Scene(
+    carriage={"mass": 1e6, "stiffness": 1.6e11, "damping": 4e7},
+    sphere={"mass": 1e5},
+    springs={"kind": "linear", "stiffness": 1.6e9},
+    interface={"kind": "viscous", "damping": 4e6},
+    actuation={"force": {"limit": 1.6e7}},
+    control={"time_step": 5e-5},
+    objective={"displacement_scale": 1e-3, "effort_weight": 1e-3},
+)
+"""In SI units its Riccati equation has a residual of 1e-8."""
+
+
+def test_heavy_and_fast_masses_have_the_regulator_of_the_equation() -> None:
+    a, b = (mpmath.matrix(one.tolist()) for one in compile_scene(HEAVY).discrete())
+    with mpmath.workdps(60):
+        weight, one = mpmath.mpf(1e-3) / mpmath.mpf(1.6e7) ** 2, mpmath.eye(4)
+        cost = mpmath.diag([mpmath.mpf(1e-3) ** -2, 0, 0, 0])
+        turn, reach, p = a, b * b.T / weight, cost
+        for _ in range(40):  # doubling: 2^40 steps
+            through = (one + reach * p) ** -1
+            p, reach, turn = (
+                p + turn.T * p * through * turn,
+                reach + turn * through * reach * turn.T,
+                turn * through * turn,
+            )
+        exact = (b.T * p * a) / (weight + (b.T * p * b)[0])
+    np.testing.assert_allclose(design(HEAVY).gain[0], np.array(exact.tolist()[0], float), rtol=1e-6)
 
 
 def test_no_perturbed_gain_beats_the_regulator() -> None:
