@@ -16,7 +16,7 @@ from agents.control.feedback import Feedback
 from agents.control.observed_state import observed_state
 from agents.controllers.registry import Tunable
 from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, validation_cost
-from mm_gym import DesignError, Scene
+from mm_gym import DesignError, Scene, SimulationError
 from mm_gym.arrays import Array
 from mm_gym.extras import optional
 
@@ -34,7 +34,7 @@ They follow those of the search. The best of all on a hundred episodes is also l
 CLOSE = 0.3
 """Spread of a search from found numbers, over that of one from the first numbers of a design."""
 
-REFUSED = 1e6  # cost of a design that cannot be made, above all others
+REFUSED = 1e6  # cost of a design that cannot be made or followed, above all others
 
 
 def grid(scene: Scene, actuator: str) -> Array:
@@ -84,10 +84,7 @@ def cheapest(
     """Return the controller of least cost in the same way, of those that can be designed."""
 
     def cost(value: float, most: float = np.inf) -> float:
-        try:
-            return validation_cost(scene, controller(float(value)), seed=seed, most=most)
-        except DesignError:
-            return np.inf
+        return _cost_of(scene, lambda: controller(float(value)), seed=seed, most=most)
 
     best, lowest = least(range(len(values)), lambda k, most: cost(values[k], most))
     around = values[max(best - 1, 0)], values[min(best + 1, len(values) - 1)]
@@ -114,7 +111,7 @@ def searched_pair(
     pairs = [(value, 10.0**e) for value in coarse for e in DECADES[::4]]
 
     def cost(pair: tuple[float, float], most: float) -> float:
-        return validation_cost(scene, Feedback(scene, make(*pair), source), most=most)
+        return _cost_of(scene, lambda: Feedback(scene, make(*pair), source), most=most)
 
     (best, _), _ = least(pairs, cost)
     return searched(scene, lambda exponent: make(best, 10.0**exponent), DECADES)
@@ -156,7 +153,8 @@ def trials(
         found = next(costs, None)
         if found is not None:
             return found
-        return _cost_of(scene, tunable, tunable.at(scene, coordinates, start))
+        numbers = tunable.at(scene, coordinates, start)
+        return _cost_of(scene, lambda: tunable.design(scene, numbers))
 
     yield first, cost(first)
     done = 1
@@ -198,14 +196,13 @@ def finalists(costs: Sequence[float]) -> list[int]:
 def further_cost(scene: Scene, tunable: Tunable, numbers: Mapping[str, float]) -> float:
     """Return the cost of a design on the further validation episodes [-]."""
     seed = VALIDATION_SEED + VALIDATION_EPISODES
-    return _cost_of(scene, tunable, numbers, seed=seed, episodes=FURTHER)
+    return _cost_of(scene, lambda: tunable.design(scene, numbers), seed=seed, episodes=FURTHER)
 
 
-def _cost_of(
-    scene: Scene, tunable: Tunable, numbers: Mapping[str, float], **episodes: int
-) -> float:
+def _cost_of(scene: Scene, make: Callable[[], Controller], **episodes: Any) -> float:  # noqa: ANN401 - as of `validation_cost`
+    """Return a design's cost, `REFUSED` where none can be made or the motion cannot be computed."""
     try:
-        found = validation_cost(scene, tunable.design(scene, numbers), **episodes)
-    except DesignError:
+        found = validation_cost(scene, make(), **episodes)
+    except (DesignError, SimulationError):
         return REFUSED
     return min(found, REFUSED) if np.isfinite(found) else REFUSED
