@@ -17,6 +17,8 @@ FADED = 1e-6  # of a motion after a control step; less is round-off
 ENDLESS = {"objective.displacement_limit": None, "objective.rail_half_length": None}
 """Changes of a scene by which no motion ends an episode."""
 
+USUAL = 4000.0  # square of that natural frequency [1/s^2], of 400 N/m and 0.1 kg
+
 PARTS = "carriage.", "sphere.", "interface.", "springs."
 """What a rig is made of."""
 
@@ -44,6 +46,15 @@ def internal_force(scene: Scene) -> Array:
     masses = (nominal(scene, f"{body}.mass") for body in ("carriage", "sphere"))
     on_carriage, on_sphere = (1.0 / mass for mass in masses)
     return np.array([0.0, 0.0, on_carriage, -on_sphere])
+
+
+def pace(scene: Scene) -> float:
+    """Return the carriage's natural frequency over that of the tasks' of changing springs [-].
+
+    What a controller does in a second there, it does in as many periods on any rig.
+    """
+    stiffness, mass = (nominal(scene, f"carriage.{one}") for one in ("stiffness", "mass"))
+    return float(np.sqrt(stiffness / mass / USUAL))
 
 
 def beginning(scene: Scene, actuator: str) -> float:

@@ -19,12 +19,14 @@ from agents.control.controller import (
     part,
 )
 from agents.control.model import ForceObserver
-from agents.control.scene import nominal
+from agents.control.scene import nominal, pace
 from agents.controllers.registry import Entry, Free, Tunable, unless
 from agents.scoring import FREQUENCY
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 from mm_gym.arrays import Array
+
+GAIN = 15.0  # of the frequency-locked loop [1/s]
 
 
 class FrequencyEstimator(Protocol):
@@ -80,7 +82,7 @@ class LinearPrediction:
 
 
 class ShortTimeFourier:
-    """The peak of the force's Fourier transform over the last half second.
+    """The peak of the force's Fourier transform over the last five periods of the carriage.
 
     Nagarajaiah and Varadarajan, *Short time Fourier transform algorithm for wind response control
     of buildings with variable stiffness TMD*, Eng. Struct. 27 (2005).
@@ -88,11 +90,13 @@ class ShortTimeFourier:
 
     name = "short-time Fourier transform"
 
-    WINDOW, LINES = 0.5, 64  # [s], and frequencies
+    WINDOW, LINES = 5.0, 64  # periods of the carriage on its spring, and frequencies
 
     def __init__(self, scene: Scene, band: tuple[float, float]) -> None:
         step, self.observer = scene.control.time_step, ForceObserver(scene)
-        self.length = max(4, round(self.WINDOW / step))
+        stiffness, mass = (nominal(scene, f"carriage.{one}") for one in ("stiffness", "mass"))
+        period = 2.0 * np.pi * np.sqrt(mass / stiffness)
+        self.length = max(4, round(self.WINDOW * period / step))
         self.frequencies = np.linspace(*band, self.LINES)
         time = step * np.arange(self.length)
         self.wave = np.hanning(self.length) * np.exp(-1j * np.outer(self.frequencies, time))
@@ -124,7 +128,7 @@ class FrequencyLockedLoop:
     start
         Frequency at the start of an episode [rad/s].
     damping, gain
-        Of the integrator [-], and of the loop [1/s].
+        Of the integrator [-], and of the loop [1/s], by default `GAIN` at the scene's `pace`.
     """
 
     name = "frequency-locked loop"
@@ -132,11 +136,11 @@ class FrequencyLockedLoop:
     """A control step spans half a radian; the loop's equations are integrated more finely."""
 
     def __init__(
-        self, scene: Scene, start: float, damping: float = 1.0, gain: float = 15.0
+        self, scene: Scene, start: float, damping: float = 1.0, gain: float | None = None
     ) -> None:
         self.step, self.start = scene.control.time_step, start
         self.observer = ForceObserver(scene)
-        self.damping, self.gain = damping, gain
+        self.damping, self.gain = damping, GAIN * pace(scene) if gain is None else gain
 
     def begin(self, lanes: int) -> Memory:
         return {
@@ -225,7 +229,7 @@ def free_numbers(scene: Scene) -> dict[str, Free]:
     return {
         "start": Free(0.5 * (low + high), 0.2 * (high - low), ratio=False, low=low, high=high),
         "damping": Free(1.0, 0.3),
-        "gain": Free(15.0, 0.5),
+        "gain": Free(GAIN * pace(scene), 0.5),
         "ratio": Free(1.0, 0.03),
     }
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from agents.control.actuators import Command, require_stable_rest
 from agents.control.controller import Acted, Law, Memory
-from agents.control.scene import require_number
+from agents.control.scene import pace, require_number
 from agents.controllers.registry import Entry
 from agents.controllers.searched import over_decades
 from mm_gym import Scene
@@ -38,6 +38,6 @@ class PhaseLaw(Law):
         return self.command(present + np.clip(unsaturated, -travel, travel), present), memory
 
 
-best_phase_law = over_decades(PhaseLaw)
+best_phase_law = over_decades(lambda scene, ratio: PhaseLaw(scene, ratio * pace(scene)))
 
 ENTRIES = (Entry("phase-law", ("stretch",), best_phase_law, 20),)

@@ -86,8 +86,8 @@ class Hook(SemiActive):
     Skyhook (Karnopp, Crosby and Harwood, *Vibration control using semi-active force generators*,
     J. Eng. Ind. 96 (1974), doi:10.1115/1.3438373), with the velocity v_g of the ground::
 
-        F = gain (v2 + v_g), where v2 (v2 - v1) > 0    the interface's damper holds the sphere
-        F = gain (v1 + v_g), where v1 (v1 + v_g) > 0   the carriage's damper holds the carriage
+        F = gain (v2 + v_g), where (v2 + v_g) (v2 - v1) > 0  the interface's damper holds the sphere
+        F = gain (v1 + v_g), where v1 (v1 + v_g) > 0         the carriage's holds the carriage
 
     The engine's velocities are relative to the ground; v_g comes from a `GroundVelocity`, and is 0
     where the ground rests.

@@ -70,6 +70,33 @@ def test_no_control_holds_the_initial_stretch(scene) -> None:
     np.testing.assert_allclose(info["applied"], start, rtol=2e-7)
 
 
+def test_faster_rig_is_controlled_as_a_slower_one_in_as_many_periods() -> None:
+    """Of a hundredth of all times, frequencies and rates are a hundred times as large."""
+    slow = PRE_STRETCH.replace(**{"control.steps": 20, "actuation.stretch.rate_limit": 4.0})
+    fast = slow.replace(
+        **{
+            "carriage.stiffness": 1e4 * 400.0,
+            "carriage.damping": 1e2 * slow.carriage.damping,
+            "springs.stiffness": 1e4 * slow.springs.stiffness,
+            "interface.damping": 1e2 * slow.interface.damping,
+            "actuation.stretch.rate_limit": 400.0,
+            "control.time_step": 1e-2 * slow.control.time_step,
+            "objective.velocity_scale": 1e2 * slow.objective.velocity_scale,
+            "excitation.0.amplitude": 1e4 * slow.excitation[0].amplitude,
+            "excitation.0.frequency": 5750.0,
+            "randomization": slow.randomization | {"excitation.0.frequency": (4400.0, 7100.0)},
+        }
+    )
+    times = [scene.control.time_step for scene in (slow, fast)]
+    loops = [FrequencyLockedLoop(scene, 1.0) for scene in (slow, fast)]
+    np.testing.assert_allclose(*(loop.gain * h for loop, h in zip(loops, times, strict=True)))
+    lengths = [ShortTimeFourier(one, reachable_band(one)).length for one in (slow, fast)]
+    assert lengths[0] == lengths[1] == round(5.0 * 2.0 * np.pi / np.sqrt(4000.0) / 0.01)
+    found = [best_phase_law(scene) for scene in (slow, fast)]
+    gains = [own.law.gain * h for own, h in zip(found, times, strict=True)]
+    np.testing.assert_allclose(*gains, rtol=1e-2)
+
+
 def test_matching_stretch_inverts_the_spring_law() -> None:
     scene = PRE_STRETCH.replace(randomization={"excitation.0.frequency": (45.0, 70.0)})
     env = MovingMassVectorEnv(scene, 16)
