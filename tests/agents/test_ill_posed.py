@@ -108,3 +108,10 @@ def test_scene_without_a_regulator_is_evaluated_without_it():
             regulator(scene)
         assert "LQR" in baselines(scene).not_scored
     assert "lqr" not in laws(RATE)
+
+
+def test_carriage_without_mass_has_no_frequency_to_shape() -> None:
+    scene = MASSLESS.replace(**{"actuation.force.between": "masses", "control.steps": 5})
+    assert "energy shaping" not in baselines(scene).not_scored
+    assert "energy-shaping" not in laws(scene)
+    assert "energy-shaping" in laws(scene.replace(**{"carriage.mass": 0.1}))
