@@ -18,6 +18,8 @@ from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 from mm_gym.arrays import Array
 
+ROUND_OFF = 1e-12  # of a pole over the fastest one
+
 
 class ClippedLQR(Law):
     """Choose the stiffness whose force is closest to that of an actuator in the springs' place.
@@ -78,7 +80,11 @@ def gain_of(a: Array, b: Array, state: Array, force: float) -> Array:
     Raise `DesignError` if there is none.
     """
     with solvable("the Riccati equation"):
-        gain, _, _ = control.lqr(a, b, state, [[force]], method="scipy")
+        gain, _, poles = control.lqr(a, b, state, [[force]], method="scipy")
+        slowest, fastest = np.max(np.real(poles)), np.max(np.abs(poles))
+        if not slowest < -ROUND_OFF * fastest:  # rounding decides whether the solver sees it
+            msg = f"a motion that the force does not reach does not decay ({slowest:.1e}/s)"
+            raise ValueError(msg)
     return np.asarray(gain)[0]
 
 
