@@ -45,17 +45,41 @@ def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
     if end <= float(trajectory.time[0]):
         allowed = "a motion that takes time"
         refuse("trajectory", f"one instant, t = {end:g} s", allowed, SimulationError)
-    rows = np.arange(int(np.ceil(end / interval * (1.0 - 1e-12))))
-    lengths = np.minimum(interval, end - rows * interval)
+    count = int(np.ceil(end / interval * (1.0 - 1e-12)))
+    rows, begins, ends, jumps = _smooth_parts(recording, count, end)
     is_between = recording.plant.support.is_between
     totals = Totals(recording.parameters[:, None], is_between=is_between)
-    parts = np.linspace(0.0, 1.0, pieces + 1)[:, None] * lengths
-    instants = [_end(recording, rows, part, first=k == 0) for k, part in enumerate(parts)]
+    parts = np.linspace(begins, ends, pieces + 1)  # exact at both ends
+    instants = [
+        _end(recording, rows, part, jumps if k == 0 else None) for k, part in enumerate(parts)
+    ]
     held = recording.applied[rows, 0][None]
     for start, stop in pairwise(instants):
-        totals.add(start, stop, held, lengths[None] / pieces)
-    totals.add_jumps(_stretch_jumps(recording, len(rows))[None])
+        totals.add(start, stop, held, (ends - begins)[None] / pieces)
+    totals.add_jumps(_stretch_jumps(recording, count)[None])
     return totals.response()
+
+
+def _smooth_parts(
+    recording: Recording, count: int, end: float
+) -> tuple[NDArray[np.intp], Array, Array, Array]:
+    """Return the parts of so many sample intervals between impulses, until a time [s].
+
+    They are the interval of each (n,), its begin and end (n,) [s] since the interval's start, and
+    by what v1 and v2 jump at its begin (n, 2) [m/s] within the interval.
+    """
+    interval = recording.plant.support.sample_interval
+    lengths = np.minimum(interval, end - np.arange(count) * interval)
+    inner = recording.impulses[recording.impulses[:, 0] < count]
+    inner = inner[inner[:, 1] < lengths[inner[:, 0].astype(np.intp)]]
+    marks = np.zeros((count + len(inner), 4))
+    marks[:count, 0], marks[count:] = np.arange(count), inner
+    found, places = np.unique(marks[:, :2], axis=0, return_inverse=True)
+    jumps = np.zeros(found.shape)
+    np.add.at(jumps, places.ravel(), marks[:, 2:])
+    rows, begins = found[:, 0].astype(np.intp), found[:, 1]
+    ends = np.where(np.diff(rows, append=count) == 0, np.append(begins[1:], 0.0), lengths[rows])
+    return rows, begins, ends, jumps
 
 
 def _stretch_jumps(recording: Recording, intervals: int) -> Array:
@@ -67,12 +91,20 @@ def _stretch_jumps(recording: Recording, intervals: int) -> Array:
     return jumps
 
 
-def _end(recording: Recording, rows: NDArray[np.intp], part: Array, *, first: bool) -> End:
-    """Return the motion a time [s] into sample intervals: after impulses if first, else before."""
+def _end(
+    recording: Recording, rows: NDArray[np.intp], part: Array, jumps: Array | None = None
+) -> End:
+    """Return the motion a time [s] into sample intervals: before impulses, or after them.
+
+    After them it is if jumps (n, 2) of v1 and v2 [m/s] are given: those within the intervals.
+    """
     interval = recording.plant.support.sample_interval
     whole = part >= interval
     inner = Place(np.where(whole, rows + 1, rows), np.where(whole, 0.0, part))
-    state = recording.starts[rows] if first else states_at(recording, inner)
+    state = states_at(recording, inner)
+    if jumps is not None:
+        state = np.where(part[:, None] > 0.0, state, recording.starts[rows])
+        state[:, 2:4] += jumps
     exciting = excitation(recording, Place(rows, part))
     applied = recording.applied[rows]
     support = recording.plant.support

@@ -246,6 +246,20 @@ def test_lanes_miss_the_peak_velocity_at_an_impulse_by_what_is_stated(scene, mos
     assert 0.97 * most < missed.max() < most
 
 
+@pytest.mark.parametrize("parts", [(0.4,), (0.0, 0.4, 0.7)])
+def test_peak_velocity_is_that_just_after_impulses_within_a_step(parts):
+    step = KICKED.control.time_step
+    times = [(3.0 + part) * step for part in parts]
+    kicks = [KICK | {"time": time, "size": 0.1 / len(times)} for time in times]
+    scene = KICKED.replace(excitation=kicks, carriage={"mass": 0.1, "stiffness": 1e-6})
+    found = metrics.response(simulate(scene, duration=4.0 * step, seed=0))
+    # Nothing but friction acts on the carriage, which is fastest just after the last impulse.
+    near = simulate(scene, times=[times[-1] * (1.0 + 1e-9), 4.0 * step], seed=0).state[0]
+    assert found.peak_velocity[0] == pytest.approx(near[2], rel=1e-7)
+    end = simulate(scene, duration=4.0 * step, seed=0).state[-1]
+    assert found.peak_displacement[0] == pytest.approx(end[0], rel=1e-9)
+
+
 def action_of(scene, command):
     """The action in [-1, 1] that commands a force [N] and a stretch [-]."""
     force, stretch = scene.actuation.force, scene.actuation.stretch
