@@ -168,7 +168,9 @@ ENDING = {layout.X1, layout.X2, layout.V1, layout.V2, *layout.DERIVED}
 
 
 def array_of(value: ArrayLike, name: str) -> NDArray[Any]:
-    """Return the value as an array, or raise `SceneError` if its parts differ in shape."""
+    """Return the value as an array; refuse parts of different shapes, and masked numbers."""
+    if isinstance(value, np.ma.MaskedArray):
+        refuse(name, "a masked array", "a value for every lane")
     try:
         return np.asarray(value)
     except ValueError as error:

@@ -54,6 +54,7 @@ def test_options_of_the_vector_may_differ_by_lane():
         ({"initial.stretch": 3.5}, "initial.stretch: got 3.5; allowed: 1 to 3"),
         ({"carriage.mass": 0.2}, "carriage.mass: got 0.2; allowed: 0.1 to 0.1"),
         ({"initial.stretch": [1, [2]]}, "initial.stretch: got [1, [2]]"),
+        ({"initial.stretch": np.ma.masked_array(2.0)}, "initial.stretch: got a masked array"),
         ({"seed": 3}, "seed: not a field"),
         ({3: 3.0}, "3: not a field"),
         ([], "options: got []; allowed: a dictionary"),
