@@ -73,10 +73,12 @@ class OwnReward:
 
     def _arguments(self) -> tuple[str, ...]:
         try:
-            names = tuple(inspect.signature(self._function).parameters)
+            parameters = inspect.signature(self._function).parameters.values()
         except (TypeError, ValueError) as error:
             msg = f"reward: {self.name}: its arguments cannot be read: {error}"
             raise SceneError(msg) from None
+        several = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+        names = tuple(str(one) if one.kind in several else one.name for one in parameters)
         for name in names or ("",):
             if name not in CHANNELS:
                 refuse(
@@ -90,10 +92,10 @@ class OwnReward:
         """Compile the function for numbers, and check what it returns."""
         if not COMPILED:
             return self._function
-        if not hasattr(function, "overloads"):
-            function = numba.njit(nogil=True, error_model="numpy")(function)
         kinds = (types.float64,) * len(self.arguments)
         try:
+            if not hasattr(function, "overloads"):  # numba takes functions, not all callables
+                function = numba.njit(nogil=True, error_model="numpy")(function)
             function.compile(kinds)
         except Exception as error:
             lines = [line.strip() for line in str(error).splitlines() if line.strip()]

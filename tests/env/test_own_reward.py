@@ -4,6 +4,7 @@ import copy
 import json
 import os
 import pickle
+from functools import partial
 
 import gymnasium
 import numba
@@ -265,6 +266,19 @@ def complex_number(slip_velocity):
     return 1j * slip_velocity
 
 
+def takes_any(**slip_velocity):
+    return slip_velocity["slip_velocity"]
+
+
+def takes_several(*slip_velocity):
+    return slip_velocity[0]
+
+
+class Bound:
+    def cost(self, slip_velocity):
+        return slip_velocity
+
+
 def beyond_the_limit(carriage_displacement):
     return np.sqrt(0.02**2 - carriage_displacement**2)
 
@@ -282,6 +296,11 @@ def beyond_the_limit(carriage_displacement):
         (stretches, "the argument 'stretch' needs springs with a stretch; set springs.kind"),
         (nothing, "got the argument ''; allowed: carriage_displacement"),
         (complex_number, "returns complex128"),
+        (takes_any, r"got the argument '\*\*slip_velocity'; did you mean 'slip_velocity'"),
+        (takes_several, r"got the argument '\*slip_velocity'; did you mean 'slip_velocity'"),
+        (Bound().cost, "reward: cost cannot be compiled by numba: The decorated object is not a"),
+        (partial(nothing), "got the argument ''; allowed: carriage_displacement"),
+        (partial(divides), "cannot be compiled by numba: The decorated object is not a function"),
         (3, "reward: got 3; allowed: a function of channels, or FILE.py:NAME of one"),
         ("own.py", "reward: got 'own.py'; allowed: FILE.py:NAME"),
         ("absent.py:cost", "reward: absent.py: no such file"),
