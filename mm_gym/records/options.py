@@ -37,10 +37,14 @@ SPELLINGS = (
 LENGTH = r"(?<![A-Z0-9/.])(MM|CM|M|FT|FEET|IN|INCH|INCHES)"
 SECOND = r"(?:SECONDS|SECOND|SEC|S)"
 ACCELERATION = re.compile(
-    rf"{LENGTH}(?:/{SECOND}(?:/{SECOND}|\*{SECOND}|\^?2|\*\*2|\xb2)|[ .*]?{SECOND}\^?-2)"
+    rf"{LENGTH}(?:/{SECOND}(?:/{SECOND}|\*{SECOND}|\^?2|\*\*2|\xb2|\ufffd)|[ .*]?{SECOND}\^?-2)"
     r"(?![A-Z0-9])"
 )
-"""An acceleration in any of the usual spellings, such as CM/SEC/SEC; group 1 is the length."""
+"""An acceleration in any of the usual spellings, such as CM/SEC/SEC; group 1 is the length. The
+last sign is what a raised 2 in another encoding than UTF-8 is read as."""
+
+RAISED = str.maketrans({"\u00b7": ".", "\u22c5": ".", "\u207b": "-", "\u2212": "-"})
+"""Signs of M·S⁻² as they are in M.S-2, to which `_words` adds the raised 2."""
 
 STATED = re.compile(
     r"\bUNITS?\b ?(OF|ARE|IS|IN|:|=)? ?(?:OF|ARE|IS|IN|:|=)? ?[(\[]? ?([^ ,;:=()\[\]]+)"
@@ -95,7 +99,8 @@ def other_times(line: str) -> str | None:
 
 
 def _words(line: str) -> str:
-    return " ".join(line[:LONGEST_LINE].upper().split())
+    words = " ".join(line[:LONGEST_LINE].upper().split()).translate(RAISED)
+    return words.replace("-\u00b2", "-2")
 
 
 def _stated(line: str) -> Iterator[tuple[str, str | None]]:
@@ -150,7 +155,7 @@ class Options:
         if self.unit is not None:
             check_name("unit", self.unit, UNITS)
         is_step = isinstance(self.time_step, Real) and SHORTEST <= self.time_step <= LARGEST
-        if not (self.time_step is None or is_step):
+        if isinstance(self.time_step, bool) or not (self.time_step is None or is_step):
             refuse("time_step", f"{self.time_step!r}", f"{SHORTEST:g} to {LARGEST:g} s")
         if type(self.skip) is not int or self.skip < 0:
             refuse("skip", f"{self.skip!r}", "a number of lines, 0 or more")

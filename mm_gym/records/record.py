@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from mm_gym.arrays import Array
-from mm_gym.errors import SceneError, positive_number
+from mm_gym.errors import SceneError, finite_numbers, positive_number
+from mm_gym.errors import refuse as refuse_value
 from mm_gym.files import as_path
 from mm_gym.records.arrays import READERS, read_arrays
 from mm_gym.records.options import UNITS, Options
@@ -58,10 +59,13 @@ def resample(record: Record, step: float, *, scale: float = 1.0, time_scale: flo
     Raises
     ------
     SceneError
-        If step or time_scale is not greater than 0, or the result would have more than
-        `MOST_SAMPLES` samples, or one beyond the largest double.
+        If step or time_scale is not greater than 0, scale is no finite number, or the result would
+        have more than `MOST_SAMPLES` samples, or one beyond the largest double.
     """
     step, time_scale = positive_number("step", step), positive_number("time_scale", time_scale)
+    factor = finite_numbers("scale", scale)
+    if factor.shape:
+        refuse_value("scale", f"{scale!r}", "a number")
     rounding = 16.0 * np.finfo(np.float64).eps
     with np.errstate(over="ignore"):
         last = np.multiply(record.times[-1], time_scale) / step * (1.0 + rounding)
@@ -76,7 +80,7 @@ def resample(record: Record, step: float, *, scale: float = 1.0, time_scale: flo
         instants = np.where(np.abs(instants - point) <= rounding * point, point, instants)
     samples = np.interp(instants, record.times, record.values, left=0.0, right=0.0)
     with np.errstate(over="ignore"):
-        samples *= scale
+        samples *= factor
     if not np.all(np.isfinite(samples)):
         msg = f"scale: got {scale:g}, which makes samples larger than the largest double"
         raise SceneError(msg)

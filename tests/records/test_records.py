@@ -254,6 +254,8 @@ def test_options_are_checked(tmp_path):
         read(tmp_path, "1\n2\n", "motion.csv", time_step=float("nan"))
     with pytest.raises(SceneError, match=r"time_step: got '0\.1'; allowed: 1e-09 to"):
         read(tmp_path, "1\n2\n", "motion.csv", time_step="0.1")
+    with pytest.raises(SceneError, match=r"time_step: got True; allowed: 1e-09 to"):
+        read(tmp_path, "1\n2\n", "motion.csv", time_step=True)
 
 
 def test_file_that_cannot_be_read_is_refused(tmp_path):
@@ -360,6 +362,9 @@ def test_resampling_beyond_its_limits_is_refused(tmp_path):
         SceneError, match=r"scale: got 1e\+308, which makes samples larger than the"
     ):
         resample(record, 0.1, scale=1e308)
+    for wrong in (np.nan, np.inf, None, "2", [0.1]):
+        with pytest.raises(SceneError, match=r"^scale: got .*; allowed: "):
+            resample(record, 0.1, scale=wrong)
     for name in ("step", "time_scale"):
         for wrong in (0.0, -0.1, np.nan, np.inf, [0.1]):  # -0.1 gave a motion of one sample
             with pytest.raises(SceneError, match=f"^{name}: got .*; allowed: "):
@@ -382,6 +387,8 @@ STATEMENTS = {
     "values in m/s2": "m/s^2",
     "UNITS: M / S / S": "m/s^2",
     "mm/s²": "mm/s^2",
+    "acceleration [cm·s⁻²]": "cm/s^2",
+    "Beschleunigung in m⋅s⁻²": "m/s^2",
     "UNITS OF FT/SEC2": "ft/s^2",
     "units: in/s^2": "in/s^2",
 }
@@ -399,6 +406,13 @@ def test_unit_that_the_header_states_is_read_and_others_are_refused(tmp_path, st
             read(tmp_path, content, unit=unit)
         assert "motion.at2:3: the header states units of " in str(caught.value)
         assert f"; got unit = {unit!r}; set unit = {own!r}" in str(caught.value)
+
+
+def test_unit_with_a_raised_two_of_another_encoding_is_read(tmp_path):
+    content = GOOD.replace(QUANTITY, "Größe: mm/s²").encode("latin-1")
+    with pytest.raises(SceneError, match="; got unit = 'g'; set unit = 'mm/s\\^2'"):
+        read(tmp_path, content)
+    assert read(tmp_path, content, unit="mm/s^2").values[2] == 0.5 * 0.001
 
 
 @pytest.mark.parametrize("line", ["UNITS OF COUNTS", "units: volt", "Units = cm/s"])
