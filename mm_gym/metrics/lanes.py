@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
+from mm_gym.env.arguments import checked_options
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.errors import SimulationError, refuse
 from mm_gym.lanes import layout
@@ -46,10 +47,13 @@ class LaneResponse:
     ------
     SimulationError
         If a carriage has no mass, or episodes begin in the step in which others end: the last state
-        of an episode is then not seen.
+        of an episode is then not seen. Also if a response is asked for before a step was added.
     """
 
     def __init__(self, env: MovingMassVectorEnv) -> None:
+        if not isinstance(env, MovingMassVectorEnv):  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
+            allowed = "a MovingMassVectorEnv, without wrappers"
+            refuse("env", type(env).__name__, allowed, SimulationError)
         mode = env.autoreset_mode
         if mode is AutoresetMode.SAME_STEP:
             refuse("autoreset_mode", mode.value, "NextStep or Disabled", SimulationError)
@@ -134,7 +138,7 @@ def passive_response(
     Arguments are those of `uncontrolled_response`. Errors include those of `passive_scene`.
     """
     passive, stretch = passive_scene(scene)
-    fixed = dict(options or {})
+    fixed = checked_options(options)
     if stretch is not None and isinstance(scene.initial.stretch, tuple):
         fixed["initial.stretch"] = stretch
     return uncontrolled_response(passive, seeds, fixed)
@@ -152,8 +156,12 @@ def uncontrolled_response(
     options
         Drawn fields to set, as for the reset of `MovingMassVectorEnv`.
     """
-    env = MovingMassVectorEnv(scene, len(seeds), autoreset_mode="Disabled", info="none")
-    env.reset(seed=list(seeds), options=options)
+    try:
+        own = list(seeds)
+    except TypeError:
+        refuse("seeds", f"{seeds!r}", "a sequence of integers, one for each lane")
+    env = MovingMassVectorEnv(scene, len(own), autoreset_mode="Disabled", info="none")
+    env.reset(seed=own, options=options)
     record, action = LaneResponse(env), _holding(env)
     alive = np.ones(env.num_envs, np.bool_)
     while alive.any():

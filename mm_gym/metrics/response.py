@@ -202,6 +202,9 @@ class Totals:
     def response(self) -> Response:
         """Return what there is so far."""
         peaks, sums, p = self._peaks, self._sums, self._p
+        if not peaks:
+            msg = "no control step was added yet: call add() after each step"
+            raise SimulationError(msg)
         rms = {
             f"rms_{name}": np.sqrt(sums[name] / self._duration)
             for name in ("displacement", "acceleration", "base_force", "stroke", "force")

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from scipy.integrate import simpson
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH, TASKS
 
@@ -14,6 +15,7 @@ from mm_gym import (
     DesignError,
     MovingMassVectorEnv,
     Scene,
+    SceneError,
     SimulationError,
     compile_scene,
     metrics,
@@ -385,6 +387,15 @@ def test_what_cannot_be_measured_is_refused():
     env = MovingMassVectorEnv(CARRIAGE_FORCE, 2)
     env.reset(seed=0)
     record = metrics.LaneResponse(env)
+    with pytest.raises(SimulationError, match=r"no control step was added yet: call add\(\)"):
+        record.response()
+    wrapped = RecordEpisodeStatistics(env)
+    with pytest.raises(SimulationError, match="env: got RecordEpisodeStatistics; allowed: a Mov"):
+        metrics.LaneResponse(wrapped)
+    with pytest.raises(SceneError, match="seeds: got 5; allowed: a sequence of integers"):
+        metrics.uncontrolled_response(CARRIAGE_FORCE, 5)
+    with pytest.raises(SceneError, match="options: got 3; allowed: a dictionary"):
+        metrics.passive_response(CARRIAGE_FORCE, [1], 3)
     env.step(np.zeros((2, 1)))
     with pytest.raises(SimulationError, match=r"got bool of shape \(3,\); allowed: booleans of"):
         record.add(np.ones(3, np.bool_))
