@@ -291,7 +291,7 @@ def write_bytes(path: str | PathLike[str], content: bytes) -> None:
     Raises
     ------
     SceneError
-        If the path is empty, or of a folder, a socket or a block device.
+        If the path is none or empty, or of a folder, a socket or a block device.
     OSError
         If the path cannot be written to; a file that was there is then unchanged.
     """
@@ -331,6 +331,7 @@ def _target(path: str | PathLike[str]) -> Path | int:
 
     Raise if it cannot be written to.
     """
+    as_path(path)
     if not os.fspath(path):
         msg = "cannot be written: the path is empty; allowed: the path of a file"
         raise SceneError(msg)

@@ -145,6 +145,12 @@ def test_what_is_no_file_is_refused_by_name(tmp_path, monkeypatch, path):
     assert names(tmp_path) == before
 
 
+@pytest.mark.parametrize("path", [None, 3, b"table.csv"])
+def test_what_is_no_path_is_refused_by_name(path):
+    with pytest.raises(SceneError, match=r"path: got .*; allowed: the path of a file, as text or"):
+        write_text(path, "")
+
+
 def test_path_below_a_file_is_refused_by_name(old):
     for path in (old / "new.csv", old / "a" / "new.csv"):
         with pytest.raises(NotADirectoryError, match=r"new\.csv: cannot be written: Not a dir"):
