@@ -64,7 +64,7 @@ def call(what: str, path: Path, function: Callable[..., Any], *arguments: object
     """Call what the user wrote; raise `SceneError` with the line of an exception or exit in it."""
     try:
         return function(*arguments)
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit) as error:  # a script that ends itself would end the program
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if Path(frame.filename) == path.absolute()]
         where = f", line {own[-1].lineno}" if own else ""

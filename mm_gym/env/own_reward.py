@@ -19,7 +19,7 @@ from mm_gym.lanes import layout
 from mm_gym.lanes.memory import rows_of
 from mm_gym.plant.task import scales
 from mm_gym.scene.mechanics import WITHOUT_STRETCH
-from mm_gym.scene.scene import Scene, bounds
+from mm_gym.scene.scene import Scene, bounds, require_scene
 from mm_gym.step.channels import CHANNELS
 from mm_gym.step.own_reward import rewarding
 from mm_gym.user_code import load
@@ -220,6 +220,7 @@ def rewarded(scene: Scene, reward: RewardLike | None) -> Scene:
         If the reward is wrong, see `OwnReward`, or its cost is not finite at a state that episodes
         of the scene reach.
     """
+    require_scene(scene)
     if reward is None:
         return scene
     own = reward if isinstance(reward, OwnReward) else OwnReward(reward)

@@ -80,6 +80,18 @@ def test_changed_file_runs_as_changed_and_leaves_no_other_file(tmp_path, monkeyp
     assert list(tmp_path.iterdir()) == [file]
 
 
+def test_file_that_ends_the_program_is_refused(tmp_path):
+    file = tmp_path / "cost.py"
+    file.write_text("def cost(carriage_velocity):\n    return 0.0\nraise SystemExit(0)\n")
+    with pytest.raises(SceneError, match=r"reward: .*cost\.py, line 3: SystemExit: 0"):
+        MovingMassEnv(NAME, reward=f"{file}:cost")
+
+
+def test_only_scenes_are_rewarded():
+    with pytest.raises(SceneError, match="scene: got 'mm_gym/CarriageForce-v0'; allowed: a Scene"):
+        rewarded(NAME, TASK)
+
+
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("scene", [CARRIAGE_FORCE, HYBRID])
 def test_single_environments_lanes_and_threads_have_the_same_rewards(scene, mode):
