@@ -168,7 +168,7 @@ def test_loading_a_run_never_executes_its_reward(reward, tmp_path):
         match=r"own.py:cost: scoring executes .*allow it with --trust",
     ):
         command.report_run(run, episodes=2)
-    with pytest.raises(SystemExit, match="executed"):
+    with pytest.raises(SceneError, match="SystemExit: executed"):
         command.report_run(run, episodes=2, trust=True)
 
 

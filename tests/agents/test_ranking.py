@@ -212,8 +212,8 @@ def test_a_controller_that_cannot_be_designed_is_named_and_others_go_on(
     monkeypatch.setattr(sys, "argv", words)
     assert ranking.main() is None
     assert json.loads(scores.read_text()) == COMMITTED
-    told = "lqg: not scored: the regulator's Riccati equation has no stabilising solution"
-    assert told in capsys.readouterr().out
+    told = capsys.readouterr().out  # rounding decides whether the solver or its poles show it
+    assert re.search(r"lqg: not scored: the regulator.* has no stabilising solution", told)
 
 
 def policy_of(gain):
