@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import TypeAlias
@@ -92,7 +92,7 @@ def _end_with_sweep() -> None:
     """Interrupt this process, so that it writes a checkpoint, once that of the sweep is gone."""
     sweep = multiprocessing.parent_process()
     if sweep is not None:
-        wait([sweep.sentinel])
+        sweep.join()
         _thread.interrupt_main()
 
 
