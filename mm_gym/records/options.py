@@ -37,14 +37,11 @@ SPELLINGS = (
 LENGTH = r"(?<![A-Z0-9/.])(MM|CM|M|FT|FEET|IN|INCH|INCHES)"
 SECOND = r"(?:SECONDS|SECOND|SEC|S)"
 ACCELERATION = re.compile(
-    rf"{LENGTH}(?:/{SECOND}(?:/{SECOND}|\*{SECOND}|\^?2|\*\*2|\xb2|\ufffd)|[ .*]?{SECOND}\^?-2)"
-    r"(?![A-Z0-9])"
+    rf"{LENGTH}(?:/{SECOND}(?:/{SECOND}|\*{SECOND}|\^?2|\*\*2|\xb2|\ufffd)"
+    rf"|[ .*\xb7\u22c5]?{SECOND}\^?[-\u207b\u2212][2\xb2])(?![A-Z0-9])"
 )
-"""An acceleration in any of the usual spellings, such as CM/SEC/SEC; group 1 is the length. The
-last sign is what a raised 2 in another encoding than UTF-8 is read as."""
-
-RAISED = str.maketrans({"\u00b7": ".", "\u22c5": ".", "\u207b": "-", "\u2212": "-"})
-"""Signs of M·S⁻² as they are in M.S-2, to which `_words` adds the raised 2."""
+"""An acceleration in any of the usual spellings, such as CM/SEC/SEC; group 1 is the length.
+A raised 2 in another encoding than UTF-8 is read as U+FFFD."""
 
 STATED = re.compile(
     r"\bUNITS?\b ?(OF|ARE|IS|IN|:|=)? ?(?:OF|ARE|IS|IN|:|=)? ?[(\[]? ?([^ ,;:=()\[\]]+)"
@@ -99,8 +96,7 @@ def other_times(line: str) -> str | None:
 
 
 def _words(line: str) -> str:
-    words = " ".join(line[:LONGEST_LINE].upper().split()).translate(RAISED)
-    return words.replace("-\u00b2", "-2")
+    return " ".join(line[:LONGEST_LINE].upper().split())
 
 
 def _stated(line: str) -> Iterator[tuple[str, str | None]]:
