@@ -17,7 +17,7 @@ FADED = 1e-6  # of a motion after a control step; less is round-off
 ENDLESS = {"objective.displacement_limit": None, "objective.rail_half_length": None}
 """Changes of a scene by which no motion ends an episode."""
 
-USUAL = 4000.0  # square of that natural frequency [1/s^2], of 400 N/m and 0.1 kg
+USUAL = np.sqrt(400.0 / 0.1)  # natural frequency of the tasks whose springs change [rad/s]
 
 PARTS = "carriage.", "sphere.", "interface.", "springs."
 """What a rig is made of."""
@@ -48,13 +48,18 @@ def internal_force(scene: Scene) -> Array:
     return np.array([0.0, 0.0, on_carriage, -on_sphere])
 
 
-def pace(scene: Scene) -> float:
-    """Return the carriage's natural frequency over that of the tasks' of changing springs [-].
-
-    What a controller does in a second there, it does in as many periods on any rig.
-    """
+def natural_frequency(scene: Scene) -> float:
+    """Return that of the carriage on its spring [rad/s]."""
     stiffness, mass = (nominal(scene, f"carriage.{one}") for one in ("stiffness", "mass"))
-    return float(np.sqrt(stiffness / mass / USUAL))
+    return float(np.sqrt(stiffness / mass))
+
+
+def pace(scene: Scene) -> float:
+    """Return the natural frequency over that of the tasks whose springs change [-].
+
+    A rate times this number does as much in a period of any carriage as the rate does there.
+    """
+    return float(natural_frequency(scene) / USUAL)
 
 
 def beginning(scene: Scene, actuator: str) -> float:

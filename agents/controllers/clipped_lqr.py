@@ -10,7 +10,13 @@ from agents.control.actuators import Command, Lead, require_stable_rest
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
 from agents.control.kalman_filter import solvable
-from agents.control.scene import internal_force, nominal, plant_of, require_number
+from agents.control.scene import (
+    internal_force,
+    natural_frequency,
+    nominal,
+    plant_of,
+    require_number,
+)
 from agents.controllers.lqr import LQR, state_weight
 from agents.controllers.registry import Entry, Free, Tunable, regulator_entry
 from agents.controllers.searched import searched_pair
@@ -131,8 +137,7 @@ def weighted_clipped_lqr(scene: Scene, numbers: Mapping[str, float]) -> ClippedL
 def free_weights(scene: Scene, numbers: Mapping[str, float]) -> Array:
     """Return the weights (4, 4) of the carriage's velocity, the stroke and the slip velocity."""
     length = scene.objective.displacement_scale
-    stiffness, mass = (nominal(scene, f"carriage.{one}") for one in ("stiffness", "mass"))
-    speed = length * np.sqrt(stiffness / mass)
+    speed = length * natural_frequency(scene)
     rows = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 1.0]])
     scales = np.array([speed, length, speed])
     each = np.array([numbers["velocity"], numbers["stroke"], numbers["slip"]])

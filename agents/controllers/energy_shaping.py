@@ -4,7 +4,13 @@ import numpy as np
 
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Feedback
-from agents.control.scene import nominal, require_actuator, require_number, sphere_springs
+from agents.control.scene import (
+    natural_frequency,
+    nominal,
+    require_actuator,
+    require_number,
+    sphere_springs,
+)
 from agents.controllers.registry import Entry
 from agents.controllers.searched import searched_pair
 from mm_gym import DesignError, Scene
@@ -53,11 +59,10 @@ class EnergyShaping(Law):
 
 def _best(scene: Scene) -> Feedback:
     """Search the frequency of the sphere and the damping of the slip, over four decades."""
-    k1, m1 = nominal(scene, "carriage.stiffness"), nominal(scene, "carriage.mass")
-    m2 = nominal(scene, "sphere.mass")
+    own, m2 = natural_frequency(scene), nominal(scene, "sphere.mass")
 
     def make(ratio: float, damping: float) -> EnergyShaping:
-        rate = ratio * np.sqrt(k1 / m1)
+        rate = ratio * own
         return EnergyShaping(scene, m2 * rate**2, damping * m2 * rate)
 
     return searched_pair(scene, make, RATIOS)

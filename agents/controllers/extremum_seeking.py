@@ -4,7 +4,7 @@ import numpy as np
 
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
-from agents.control.scene import nominal
+from agents.control.scene import natural_frequency
 from agents.controllers.registry import Entry
 from mm_gym import Scene
 from mm_gym.arrays import Array
@@ -27,8 +27,7 @@ class ExtremumSeeking(Law):
     def __init__(self, scene: Scene) -> None:
         self.command = Command(scene, "stretch")
         step, scope = scene.control.time_step, self.command.high - self.command.low
-        stiffness, mass = (nominal(scene, f"carriage.{one}") for one in ("stiffness", "mass"))
-        self.frequency = frequency = np.sqrt(stiffness / mass)
+        self.frequency = frequency = natural_frequency(scene)
         self.turn = step * frequency / PERIOD  # of the wobble in a step [rad]
         self.wobble = WOBBLE * scope
         self.gain = GAIN * step * frequency / (2.0 * np.pi) * scope / WOBBLE

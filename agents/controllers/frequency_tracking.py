@@ -19,7 +19,7 @@ from agents.control.controller import (
     part,
 )
 from agents.control.model import ForceObserver
-from agents.control.scene import nominal, pace
+from agents.control.scene import natural_frequency, nominal, pace
 from agents.controllers.registry import Entry, Free, Tunable, unless
 from agents.scoring import FREQUENCY
 from mm_gym import MovingMassVectorEnv, Scene
@@ -94,8 +94,7 @@ class ShortTimeFourier:
 
     def __init__(self, scene: Scene, band: tuple[float, float]) -> None:
         step, self.observer = scene.control.time_step, ForceObserver(scene)
-        stiffness, mass = (nominal(scene, f"carriage.{one}") for one in ("stiffness", "mass"))
-        period = 2.0 * np.pi * np.sqrt(mass / stiffness)
+        period = 2.0 * np.pi / natural_frequency(scene)
         self.length = max(4, round(self.WINDOW * period / step))
         self.frequencies = np.linspace(*band, self.LINES)
         time = step * np.arange(self.length)

@@ -10,7 +10,14 @@ from agents.control.actuators import SWITCHINGS, Damper, Lead, Switching
 from agents.control.controller import Acted, Law, Memory, joined, part
 from agents.control.feedback import Feedback
 from agents.control.model import Innovation, force_column, state_scales
-from agents.control.scene import STATES, nominal, plant_of, require_number, sphere_springs
+from agents.control.scene import (
+    STATES,
+    natural_frequency,
+    nominal,
+    plant_of,
+    require_number,
+    sphere_springs,
+)
 from agents.controllers.registry import Entry
 from agents.controllers.searched import grid, over_decades, searched
 from mm_gym import DesignError, Scene
@@ -41,8 +48,7 @@ class GroundVelocity:
         if any(part.target == "force" for part in scene.excitation):
             causes.append(force_column(scene) / units)
         self.row = np.linalg.pinv(np.stack(causes, axis=1))[0] / units
-        stiffness, mass = (nominal(scene, f"carriage.{one}") for one in ("stiffness", "mass"))
-        self.kept = float(np.exp(-CORNER * np.sqrt(stiffness / mass) * self.step))
+        self.kept = float(np.exp(-CORNER * natural_frequency(scene) * self.step))
 
     def begin(self, lanes: int) -> Memory:
         return {**joined(innovation=self.innovation.begin(lanes)), "velocity": np.zeros(lanes)}
