@@ -34,7 +34,7 @@ They follow those of the search. The best of all on a hundred episodes is also l
 CLOSE = 0.3
 """Spread of a search from found numbers, over that of one from the first numbers of a design."""
 
-REFUSED = 1e6  # cost of a design that cannot be made or followed, above all others
+REFUSED = 1e100  # cost of a design that cannot be made or followed, above all others
 
 
 def grid(scene: Scene, actuator: str) -> Array:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE
 
-from agents.controllers.searched import searched, searched_pair
+from agents.controllers import searched as module
+from agents.controllers.searched import cheapest, searched, searched_pair
 from agents.controllers.velocity_feedback import VelocityFeedback
 from mm_gym import DesignError, SimulationError
 
@@ -38,3 +39,9 @@ def test_search_of_two_numbers_leaves_out_what_has_no_cost() -> None:
     make = damped_below(3.0, DesignError)
     found = searched_pair(SCENE, lambda base, ratio: make(base * ratio), np.ones(1))
     assert 1.0 < found.law.gain <= 3.0
+
+
+def test_search_tells_large_costs_apart(monkeypatch) -> None:
+    monkeypatch.setattr(module, "validation_cost", lambda _, value, **__: 1e9 + 1e8 * value**2)
+    found = cheapest(SCENE, lambda value: value - 4.0, np.linspace(0.0, 9.0, 10))
+    assert found == pytest.approx(0.0, abs=1e-2)
