@@ -46,9 +46,10 @@ def central_differences(
 class Outputs:
     """What lanes show and cost at a control step's end, and its slopes over the motion.
 
-    Channels of the motion and of what is applied are linear, and the reward is quadratic in them:
-    their slopes are exact. Accelerations, the springs' force and your own reward follow from the
-    motion, from what is applied and from the excitation; they are derived anew at each difference.
+    Channels of the motion and of what is applied are linear, those of the excitation do not depend
+    on either, and the reward is quadratic: the slopes are exact. Accelerations, the springs' force
+    and your own reward follow from motion, actuators and excitation. Where the scene shows or
+    rewards one of them, all slopes are central differences, and it is derived anew at each.
 
     Parameters
     ----------
@@ -81,14 +82,14 @@ class Outputs:
         return found[:-1], found[-1]
 
     def _linear(self) -> Array:
-        """Return the slopes of the channels over their scales; what they subtract is motion."""
+        """Return the slopes (channels, rows, 1) of the channels over their scales."""
         rows = np.array(self.rows)
         signs = [(c.row == rows) * 1.0 - (c.subtracted == rows) for c, _ in self.channels]
         factors = np.array([factor for _, factor in self.channels])
         return (factors[:, None] * np.array(signs))[..., None]
 
     def _quadratic(self) -> Array:
-        """Return W of the slopes W x of the cost."""
+        """Return the W (rows, rows) of the slopes W x of the cost."""
         displacement, velocity, stroke = plain(state_weights)(self.env.plant.task)
         weight = np.zeros((len(self.rows), len(self.rows)))
         weight[:2, :2] = 2.0 * stroke * np.array([[1.0, -1.0], [-1.0, 1.0]])

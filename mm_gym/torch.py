@@ -156,9 +156,10 @@ class Episodes:
     """Parallel episodes of a scene that torch can differentiate.
 
     The numbers are those of `MovingMassVectorEnv`: observations with delay, noise and history, and
-    costs. Their derivatives with respect to the motion are exact; those of accelerations, of the
-    springs' force and of your own reward are central differences at the end of a step. The
-    derivatives of the motion with respect to earlier motion and actions are its exact Jacobians.
+    costs. Their derivatives with respect to the motion are exact; where the scene shows or rewards
+    accelerations or forces of the springs, or has your own reward, they are central differences at
+    the end of a step. The derivatives of the motion with respect to earlier motion and actions are
+    its exact Jacobians.
 
     With springs whose stretch is actuated, slopes grow without bound near a switching controller,
     in few lanes by many orders of magnitude. `fade` and `most` limit them; the gradient is then not

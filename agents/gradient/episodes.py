@@ -44,8 +44,8 @@ class Episodes:
         self.env = MovingMassVectorEnv(scene, lanes, autoreset_mode="Disabled", info="none")
         self._begin(range(lanes))
         size, self.motion = len(self.physics.actuators), len(self.physics.state_rows)
-        if self.outputs.are_exact:
-            state_weight(scene)
+        if not (scene.own_reward or self.env.plant.scores_reactions):
+            state_weight(scene)  # it refuses a motion without weight
         self.effort = 0.0 if scene.own_reward else objective.effort_weight
         self.states: Array = np.empty((self.steps, self.motion, lanes))
         self.actions: Array = np.empty((self.steps, size, lanes))

@@ -321,6 +321,11 @@ class TestGradients:
         scene = load_scene("mm_gym/PreStretchShock-v0")
         with pytest.raises(DesignError, match="do not end early"):
             Episodes(scene.replace(**{"objective.displacement_limit": 0.01}), 1)
+        still = {"objective.displacement_weight": 0.0, "objective.velocity_weight": 0.0}
+        for shown in ("carriage_velocity", "carriage_acceleration"):
+            channels = {"sensors.channels": [shown]}
+            with pytest.raises(DesignError, match="are 0; allowed: one"):
+                Episodes(load_scene("mm_gym/CarriageForce-v0").replace(**still, **channels), 1)
 
 
 @pytest.fixture(scope="module")
