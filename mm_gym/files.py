@@ -291,7 +291,7 @@ def write_bytes(path: str | PathLike[str], content: bytes) -> None:
     Raises
     ------
     SceneError
-        If the path is none or empty, or of a folder, a socket or a block device.
+        If it is no path, or an empty one, or that of a folder, a socket or a block device.
     OSError
         If the path cannot be written to; a file that was there is then unchanged.
     """
