@@ -239,7 +239,11 @@ def score_published() -> str | None:
     found = list(scored_again(read_published()))
     rows = [(row.name, printed(row.cost), printed(cost)) for row, cost in found]
     print_table("published policies", ("policy", "cost published", "cost now"), rows)
-    other = [f"{name}: published {was}, now {now}" for name, was, now in rows if was != now]
+    other = [
+        f"{row.name}: published {printed(row.cost)}, now {printed(cost)}"
+        for row, cost in found
+        if not row.has(cost)
+    ]
     return "\n".join(["error: published policies have other costs", *other]) if other else None
 
 

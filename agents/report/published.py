@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from agents.control.controller import Controller
 from agents.policies import PolicyError, load_policy
-from agents.report.pages import render
+from agents.report.pages import printed, render
 from agents.scoring import evaluate
 from agents.sweeps.results import Cell, Results
 from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of
@@ -34,6 +34,11 @@ NAMES = {"crossq": "CrossQ", "recurrent_ppo": "recurrent PPO"} | {
 """Of algorithms, in prose."""
 
 Cost = Annotated[float, Field(ge=0)]
+
+
+ROUNDED = 1e-3
+"""Relative, of a cost of an agent around a designed controller. Another kind of processor rounds
+the design otherwise, and a law that switches amplifies that: so far to 3e-4."""
 
 
 class Row(BaseModel, strict=True, allow_inf_nan=False):
@@ -70,6 +75,11 @@ class Row(BaseModel, strict=True, allow_inf_nan=False):
     def agent(self) -> str:
         """What it is called among other controllers of its task."""
         return f"{NAMES.get(self.algorithm, self.algorithm.replace('_', ' '))}, published"
+
+    def has(self, cost: float) -> bool:
+        """Tell whether a cost found today is that which it was published with, as printed."""
+        rounding = ROUNDED * self.cost if self.base else 0.0
+        return printed(cost) == printed(self.cost) or abs(cost - self.cost) < rounding
 
 
 class Published(BaseModel, strict=True):
