@@ -195,6 +195,7 @@ def page(published: Published, results: Results) -> str:
         "published",
         rows=found,
         largest=LARGEST // 1000,
+        rounded=f"{100.0 * ROUNDED:g}",
         episodes=EPISODES,
         scored=list(dict.fromkeys(row.scored for row in found)),
         earlier={name: ", ".join(of_name) for name, of_name in _tasks_of(earlier).items()},
