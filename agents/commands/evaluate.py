@@ -240,8 +240,8 @@ def score_published() -> str | None:
     rows = [(row.name, printed(row.cost), printed(cost)) for row, cost in found]
     print_table("published policies", ("policy", "cost published", "cost now"), rows)
     other = [
-        f"{row.name}: published {printed(row.cost)}, now {printed(cost)}"
-        for row, cost in found
+        f"{name}: published {was}, now {now}"
+        for (row, cost), (name, was, now) in zip(found, rows, strict=True)
         if not row.has(cost)
     ]
     return "\n".join(["error: published policies have other costs", *other]) if other else None
