@@ -13,11 +13,10 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
 from mm_gym.arrays import Array
-from mm_gym.differences import Outputs
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.errors import SceneError, refuse
 from mm_gym.lanes import layout
-from mm_gym.sensitivity import Sensitivities
+from mm_gym.sensitivity import Outputs, Sensitivities
 
 try:
     import torch
@@ -208,7 +207,7 @@ class Episodes:
         start, plant = self.env.get_state(), self.env.plant
         lanes: tuple[Any, Any] = start["values"], start["streams"]
         self._physics = Sensitivities(plant.support, (plant.model, plant.task), lanes)
-        self._outputs = Outputs(self.env, self._physics)
+        self._outputs = Outputs(self.env.scene, plant, self._physics)
         asked = sum(a.has_memory_of_command for a in self._physics.actuators)
         self._state = torch.zeros(
             len(observation), len(self._outputs.rows) + asked, dtype=torch.float64

@@ -9,9 +9,8 @@ from agents.controllers.lqr import state_weight
 from agents.gradient.network import Network
 from mm_gym import ActionError, DesignError, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array, Single
-from mm_gym.differences import Outputs
 from mm_gym.errors import refuse
-from mm_gym.sensitivity import Sensitivities
+from mm_gym.sensitivity import Outputs, Sensitivities
 
 MOST = 10.0  # largest slope of a lane over the median of all lanes, by default
 
@@ -56,7 +55,7 @@ class Episodes:
         start, plant = self.env.get_state(), self.env.plant
         lanes = start["values"], start["streams"]
         self.physics = Sensitivities(plant.support, (plant.model, plant.task), lanes)
-        self.outputs = Outputs(self.env, self.physics)
+        self.outputs = Outputs(self.env.scene, plant, self.physics)
         return observation
 
     def run(self, network: Network, seeds: Sequence[int]) -> float:

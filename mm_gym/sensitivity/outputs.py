@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
-from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.lanes import layout
-from mm_gym.scene.scene import Scene
-from mm_gym.sensitivity import Sensitivities
+from mm_gym.sensitivity.jacobian import Sensitivities
 from mm_gym.step.channels import CHANNELS
 from mm_gym.step.task import state_cost, state_weights
+
+if TYPE_CHECKING:
+    from mm_gym.plant.plant import Plant
+    from mm_gym.scene.scene import Scene
 
 
 def difference_steps(scene: Scene, lanes: Sensitivities) -> Array:
@@ -53,19 +56,19 @@ class Outputs:
 
     Parameters
     ----------
-    env
-        The environment of the lanes.
+    scene, plant
+        Those of the lanes.
     physics
         What follows their motion.
     """
 
-    def __init__(self, env: MovingMassVectorEnv, physics: Sensitivities) -> None:
-        self.env, self.physics = env, physics
+    def __init__(self, scene: Scene, plant: Plant, physics: Sensitivities) -> None:
+        self.plant, self.own_reward, self.physics = plant, scene.own_reward, physics
         self.rows = [*physics.state_rows, *(actuator.row for actuator in physics.actuators)]
-        self.steps = difference_steps(env.scene, physics)
-        self.channels = [(CHANNELS[c.name], c.factor) for c in env.plant.observed]
+        self.steps = difference_steps(scene, physics)
+        self.channels = [(CHANNELS[c.name], c.factor) for c in plant.observed]
         derived = any(channel.row in layout.REACTIONS for channel, _ in self.channels)
-        self.are_exact = not (derived or env.scene.own_reward or env.plant.scores_reactions)
+        self.are_exact = not (derived or scene.own_reward or plant.scores_reactions)
         if self.are_exact:
             self._shown, self._weight = self._linear(), self._quadratic()
 
@@ -77,8 +80,7 @@ class Outputs:
         """
         if self.are_exact:
             return self._shown, self._weight @ self.physics.lanes[self.rows]
-        values = np.asarray(self.env.get_state()["values"])
-        found = central_differences(self._values, values, self.rows, self.steps)
+        found = central_differences(self._values, self.physics.lanes, self.rows, self.steps)
         return found[:-1], found[-1]
 
     def _linear(self) -> Array:
@@ -90,7 +92,7 @@ class Outputs:
 
     def _quadratic(self) -> Array:
         """Return the W (rows, rows) of the slopes W x of the cost."""
-        displacement, velocity, stroke = plain(state_weights)(self.env.plant.task)
+        displacement, velocity, stroke = plain(state_weights)(self.plant.task)
         weight = np.zeros((len(self.rows), len(self.rows)))
         weight[:2, :2] = 2.0 * stroke * np.array([[1.0, -1.0], [-1.0, 1.0]])
         weight[0, 0] += 2.0 * displacement
@@ -99,7 +101,7 @@ class Outputs:
 
     def _values(self, lanes: Array) -> Array:
         """Return what lanes (rows, n) show, over its scale, and their cost: (channels + 1, n)."""
-        plant, own = self.env.plant, self.env.scene.own_reward
+        plant, own = self.plant, self.own_reward
         if plant.support.damped_row:
             lanes[plant.support.damped_row] = lanes[layout.DAMPING]
         if plant.task[layout.IS_DERIVED]:
