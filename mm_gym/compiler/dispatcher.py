@@ -23,6 +23,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
+from numba.core.types import unliteral
 from numba.core.typing import Signature
 
 from mm_gym.compiler.cache import IntermediateCode, KernelCache
@@ -183,8 +184,12 @@ class KernelDispatcher(OnceDispatcher):
         return flags
 
     def get_call_template(self, args: Kinds, kws: Mapping[str, Any]) -> tuple[Any, ...]:
-        """Return what numba types a call of this kernel in another one by."""
-        signature, kinds = self._compiler.fold_argument_types(args, kws)
+        """Return what numba types a call of this kernel in another one by.
+
+        A constant is a number like others: numba would make the kernel anew for each.
+        """
+        signature, folded = self._compiler.fold_argument_types(args, kws)
+        kinds = tuple(unliteral(kind) for kind in folded)
         name = self.py_func.__name__
         template = typing.make_concrete_template(
             f"CallTemplate({name})", key=name, signatures=[self._lowered(kinds).signature]

@@ -360,7 +360,7 @@ def test_recurrent_descent_chooses_for_the_scene_as_the_other_does():
 def test_flag_of_a_default_is_kept_and_what_is_chosen_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    words = ["--scene", str(FOLDER / "platform.toml"), "--time-budget", "1e-3"]
+    words = ["--scene", str(FOLDER / "platform.toml"), "--time-budget", "1e-3", "--law", "none"]
     flags = ["--episodes", "256", "--iterations=600", "--floor", "0.05"]
     given: list[Descent] = []
     for more in ([], flags):
