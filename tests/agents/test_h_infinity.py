@@ -171,12 +171,12 @@ def test_a_sphere_that_nothing_couples_to_the_carriage_is_left_out():
 
 def test_other_weights_lower_the_cost_also_where_the_force_costs_nothing():
     pytest.importorskip("slycot")
-    frame = load_scene(CONFIGS / "structures" / "frame.toml")
+    frame = load_scene(CONFIGS / "structures" / "frame.toml").replace(**{"control.steps": 125})
     found, stated = (
         validation_cost(frame, one(frame)) for one in (best_detuned_h_infinity, HInfinity)
     )
-    assert found < 0.65 * stated  # 0.116 and 0.200
-    free = CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0})
+    assert found < 0.65 * stated  # 0.56
+    free = CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0, "control.steps": 100})
     still = validation_cost(free, Feedback(free, no_control(free)))
     assert "h-infinity" not in laws(free)
     assert validation_cost(free, laws(free)["detuned-h-infinity"](free)) < 0.5 * still

@@ -112,7 +112,7 @@ def test_baselines_have_an_lqg_where_one_can_be_designed():
 
 
 def test_where_the_force_changes_slowly_another_effort_weight_costs_half():
-    scene = load_scene(CONFIGS / "structures" / "tower.toml")
+    scene = load_scene(CONFIGS / "structures" / "tower.toml").replace(**{"control.steps": 400})
     detuned, stated = (validation_cost(scene, one(scene)) for one in (best_detuned_lqg, LQG))
     assert detuned < 0.5 * stated
 
@@ -120,7 +120,7 @@ def test_where_the_force_changes_slowly_another_effort_weight_costs_half():
 def test_without_a_weight_of_the_force_a_detuned_lqg_is_designed_all_the_same():
     # The default weight is 0, and agents begin as LQGs there too.
     scene = load_scene(CONFIGS / "structures" / "frame.toml").replace(
-        **{"objective.effort_weight": 0.0}
+        **{"objective.effort_weight": 0.0, "control.steps": 125}
     )
     assert "lqg" not in laws(scene)
     regulated, damped = (
