@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from mm_gym.env.arguments import checked_autoreset_mode, is_integer
+from mm_gym.env.arguments import checked_autoreset_mode, checked_count
 from mm_gym.errors import refuse
 
 try:
@@ -108,9 +108,7 @@ def make_vec_env(
     """
     kwargs |= env_kwargs or {}
     if seed is not None:
-        if not is_integer(seed) or seed < 0:
-            refuse("seed", f"{seed!r}", "an integer of at least 0", ValueError)
-        seed = int(seed)
+        seed = checked_count(seed, "seed", 0, error=ValueError)
     mode = checked_autoreset_mode(kwargs.pop("autoreset_mode", AutoresetMode.SAME_STEP))
     if mode is not AutoresetMode.SAME_STEP:
         refuse("autoreset_mode", f"{mode.value}", f"{AutoresetMode.SAME_STEP.value}", ValueError)

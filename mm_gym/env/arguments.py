@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import inf
 from os import PathLike
 from typing import TypeAlias, TypeGuard, cast
 
@@ -68,10 +69,17 @@ def is_integer(value: object) -> TypeGuard[int | np.integer]:
     return type(value) is int or isinstance(value, np.integer)
 
 
-def checked_count(number: int | np.integer, name: str) -> int:
-    """Return an integer of at least 1 as Python's, or raise `SceneError`."""
-    if not is_integer(number) or number < 1:
-        refuse(name, f"{number!r}", "an integer of at least 1")
+def checked_count(
+    number: int | np.integer,
+    name: str,
+    least: int = 1,
+    most: float = inf,
+    error: type[Exception] = SceneError,
+) -> int:
+    """Return an integer from `least` to `most` as Python's, or raise an error."""
+    if not is_integer(number) or not least <= number <= most:
+        end = "" if most == inf else f" and at most {most}"
+        refuse(name, f"{number!r}", f"an integer of at least {least}{end}", error)
     return int(number)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym.arrays import Array
+from mm_gym.env.arguments import checked_count
 from mm_gym.errors import SimulationError, refuse
 from mm_gym.metrics.response import Response
 
@@ -87,8 +88,12 @@ def indices(
     Raises
     ------
     SimulationError
-        If the numbers of motions differ, or a motion of the reference does not move.
+        If the numbers of motions differ, a motion of the reference does not move, or something else
+        is given than responses and integers of at least 0.
     """
+    for name, one in (("response", response), ("reference", reference)):
+        if not isinstance(one, Response):  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
+            refuse(name, f"{one!r:.60}", "a Response, of mm_gym.metrics", SimulationError)
     lanes, others = len(response.duration), len(reference.duration)
     if others not in {1, lanes}:
         allowed = f"{lanes}, as in the response, or 1"
@@ -110,8 +115,8 @@ def indices(
         j12=r.peak_stroke / ref.peak_displacement,
         j13=r.peak_power / (ref.peak_velocity * r.weight),
         j14=r.control_energy / scale,
-        j16=sensors,
-        j17=controller_states,
+        j16=checked_count(sensors, "sensors", 0, error=SimulationError),
+        j17=checked_count(controller_states, "controller_states", 0, error=SimulationError),
         stroke=_over(r.peak_stroke, ref.peak_stroke, moves),
         rms_stroke=_over(r.rms_stroke, ref.rms_stroke, moves),
         rms_force=r.rms_force / r.weight,

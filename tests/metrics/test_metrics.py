@@ -402,6 +402,13 @@ def test_what_cannot_be_measured_is_refused():
     three, two = (metrics.uncontrolled_response(CARRIAGE_FORCE, range(n)) for n in (3, 2))
     with pytest.raises(SimulationError, match="reference: got 2 motions; allowed: 3"):
         metrics.indices(three, two)
+    for name, pair in {"response": ("x", two), "reference": (two, None)}.items():
+        with pytest.raises(SimulationError, match=rf"{name}: got .*; allowed: a Response"):
+            metrics.indices(*pair)
+    for name in ("sensors", "controller_states"):
+        for wrong in (-1, 1.5, True, "2"):
+            with pytest.raises(SimulationError, match=f"{name}: got .*; allowed: an integer of at"):
+                metrics.indices(two, two, **{name: wrong})
     rest = CARRIAGE_FORCE.replace(initial={})
     with pytest.raises(SimulationError, match="a carriage that does not move"):
         metrics.indices(three, metrics.uncontrolled_response(rest, [1]))
