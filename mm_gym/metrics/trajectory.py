@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym.arrays import Array
+from mm_gym.env.arguments import checked_count
 from mm_gym.errors import SimulationError, refuse
 from mm_gym.lanes import layout
 from mm_gym.metrics.response import End, Response, Totals
@@ -17,6 +18,7 @@ from mm_gym.simulation.response import acceleration, damped
 from mm_gym.simulation.trajectory import Trajectory
 
 PIECES = 8  # pieces that a sample interval is divided into
+MOST_PIECES = 1000  # of a vibration with a period in an interval (w h)^4 / 384 is then 4e-12
 
 
 def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
@@ -35,11 +37,13 @@ def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
     Raises
     ------
     SimulationError
-        If the number of pieces is no integer of at least 1, the trajectory is one instant, or the
-        carriage has no mass.
+        If it is no trajectory, or one of one instant, the number of pieces is no integer from 1 to
+        1000, or the carriage has no mass.
     """
-    if not isinstance(pieces, int | np.integer) or pieces < 1:
-        refuse("pieces", f"{pieces!r}", "an integer of at least 1", SimulationError)
+    if not isinstance(trajectory, Trajectory):  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
+        allowed = "a Trajectory, as simulate returns it"
+        refuse("trajectory", f"{trajectory!r:.60}", allowed, SimulationError)
+    pieces = checked_count(pieces, "pieces", most=MOST_PIECES, error=SimulationError)
     recording, interval = trajectory.recording, trajectory.recording.plant.support.sample_interval
     end = float(trajectory.time[-1])
     if end <= float(trajectory.time[0]):
@@ -50,9 +54,9 @@ def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
     is_between = recording.plant.support.is_between
     totals = Totals(recording.parameters[:, None], is_between=is_between)
     parts = np.linspace(begins, ends, pieces + 1)  # exact at both ends
-    instants = [
+    instants = (
         _end(recording, rows, part, jumps if k == 0 else None) for k, part in enumerate(parts)
-    ]
+    )
     held = recording.applied[rows, 0][None]
     for start, stop in pairwise(instants):
         totals.add(start, stop, held, (ends - begins)[None] / pieces)

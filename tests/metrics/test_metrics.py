@@ -377,8 +377,12 @@ def test_what_cannot_be_measured_is_refused():
     motion = simulate(CARRIAGE_FORCE, duration=0.05)
     with pytest.raises(SimulationError, match=r"pieces: got 1\.5; allowed: an integer of at least"):
         metrics.response(motion, pieces=1.5)
-    with pytest.raises(SimulationError, match="pieces: got 0; allowed: an integer of at least 1"):
-        metrics.response(motion, pieces=0)
+    for pieces in (0, 1001, True):
+        allowed = "an integer of at least 1 and at most 1000"
+        with pytest.raises(SimulationError, match=f"pieces: got {pieces}; allowed: {allowed}"):
+            metrics.response(motion, pieces=pieces)
+    with pytest.raises(SimulationError, match="trajectory: got 'x'; allowed: a Trajectory"):
+        metrics.response("x")
     with pytest.raises(SimulationError, match="got one instant, t = 0 s"):
         metrics.response(simulate(CARRIAGE_FORCE, times=[0.0]))
     massless = CARRIAGE_FORCE.replace(**{"carriage.mass": 0.0})
