@@ -27,12 +27,7 @@ from agents.control.kalman_filter import (
 from agents.control.observed_actuators import Frame
 from agents.control.scene import STATES, drawn_but, force_weight, plant_of, require_number
 from agents.controllers.constant import uncontrolled
-from agents.controllers.lqr import (
-    Quadratic,
-    motion_weight,
-    reaction_weights,
-    state_weight,
-)
+from agents.controllers.lqr import Quadratic, motion_weight, reaction_weights, require_weight
 from agents.controllers.registry import (
     Entry,
     Free,
@@ -183,8 +178,7 @@ def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Arra
         squares = [squared for squared in reactions if squared > 0.0]
         for row, squared in zip(rows, squares, strict=True):
             weight += squared * np.outer(row, row)
-    if not weight[:-1, :-1].any():
-        state_weight(scene)  # tells which weights there are
+    require_weight(weight[:-1, :-1])
     return weight
 
 

@@ -145,7 +145,7 @@ def problem_of(scene: Scene, stretch: float | None = None, also: Array | None = 
     if any(reactions):
         for row, squared in zip(np.hstack([a, b])[2:], reactions, strict=True):
             weight += squared * np.outer(row, row)
-    _require_weight(weight[:4, :4])
+    require_weight(weight[:4, :4])
     shown = weight[:4, :4] if also is None else np.vstack([weight[:4, :4], also])
     matters = shown.any(axis=0) | np.array([True, False, True, False])
     for _ in matters:  # what moves one of them matters too
@@ -195,7 +195,7 @@ def state_weight(scene: Scene) -> Array:
         )
         raise DesignError(msg)
     weight = motion_weight(scene)
-    _require_weight(weight)
+    require_weight(weight)
     return weight
 
 
@@ -211,7 +211,8 @@ def motion_weight(scene: Scene) -> Array:
     return weight
 
 
-def _require_weight(weight: Array) -> None:
+def require_weight(weight: Array) -> None:
+    """Raise `DesignError` if nothing of the motion has a weight."""
     if not weight.any():
         msg = (
             "objective: displacement_weight, velocity_weight and stroke_weight are 0; allowed: one "

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.lqr import state_weight
+from agents.controllers.lqr import motion_weight, require_weight
 from agents.gradient.network import Network
 from mm_gym import ActionError, DesignError, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array, Single
@@ -44,7 +44,7 @@ class Episodes:
         self._begin(range(lanes))
         size, self.motion = len(self.physics.actuators), len(self.physics.state_rows)
         if not (scene.own_reward or self.env.plant.scores_reactions):
-            state_weight(scene)  # it refuses a motion without weight
+            require_weight(motion_weight(scene))
         self.effort = 0.0 if scene.own_reward else objective.effort_weight
         self.states: Array = np.empty((self.steps, self.motion, lanes))
         self.actions: Array = np.empty((self.steps, size, lanes))
