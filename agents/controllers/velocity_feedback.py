@@ -5,7 +5,7 @@ import numpy as np
 from agents.control.actuators import Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.scene import require_number
-from agents.controllers.registry import Entry
+from agents.controllers.registry import Entry, unless
 from agents.controllers.searched import over_decades
 from mm_gym import Scene
 from mm_gym.arrays import Array
@@ -33,4 +33,9 @@ best_velocity_feedback = over_decades(  # of the carriage's critical damping
     )
 )
 
-ENTRIES = (Entry("velocity-feedback", ("force",), best_velocity_feedback, 11),)
+_refused = unless(
+    lambda scene: scene.carriage.mass > 0.0,
+    "whose gain is over the carriage's critical damping; carriage.mass: got 0",
+)
+
+ENTRIES = (Entry("velocity-feedback", ("force",), best_velocity_feedback, 11, refuses=_refused),)

@@ -110,8 +110,9 @@ def test_scene_without_a_regulator_is_evaluated_without_it():
     assert "lqr" not in laws(RATE)
 
 
-def test_carriage_without_mass_has_no_frequency_to_shape() -> None:
+def test_carriage_without_mass_has_no_frequency_to_shape_and_no_critical_damping() -> None:
     scene = MASSLESS.replace(**{"actuation.force.between": "masses", "control.steps": 5})
     assert "energy shaping" not in baselines(scene).not_scored
-    assert "energy-shaping" not in laws(scene)
-    assert "energy-shaping" in laws(scene.replace(**{"carriage.mass": 0.1}))
+    for name in ("energy-shaping", "velocity-feedback"):
+        assert name not in laws(scene)
+        assert name in laws(scene.replace(**{"carriage.mass": 0.1}))
