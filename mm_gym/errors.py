@@ -78,12 +78,20 @@ def finite_numbers(
     return array.astype(np.float64)
 
 
+def finite_number(
+    field: str, value: object, error: type[Exception] = SceneError, above: float = -np.inf
+) -> float:
+    """Return a finite number greater than another; refuse anything else."""
+    number = as_array(field, value, error)
+    if number.shape or number.dtype.kind not in "fiu" or not above < float(number) < np.inf:
+        greater = "" if above == -np.inf else f" greater than {above:g}"
+        refuse(field, f"{value!r}", f"a finite number{greater}", error)
+    return float(number)
+
+
 def positive_number(field: str, value: object, error: type[Exception] = SceneError) -> float:
     """Return a finite number greater than 0; refuse anything else."""
-    number = as_array(field, value, error)
-    if number.shape or number.dtype.kind not in "fiu" or not 0.0 < float(number) < np.inf:
-        refuse(field, f"{value!r}", "a finite number greater than 0", error)
-    return float(number)
+    return finite_number(field, value, error, above=0.0)
 
 
 def suggest(name: str, allowed: Iterable[str]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 
 from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, MARKERS, STYLES, drawn, legend_below, panels
-from mm_gym.errors import refuse
+from mm_gym.errors import positive_number
 from mm_gym.files import write_csv
 from mm_gym.scene.scene import Solver
 
@@ -143,8 +143,7 @@ class WorkPrecision:
         SceneError
             If the error is not a number greater than 0.
         """
-        if not (isinstance(error, float | int) and error > 0.0 and math.isfinite(error)):
-            refuse("error", f"{error!r}", "a finite number greater than 0")
+        error = positive_number("error", error)
         met = [one for one in self.settings if max(one.bound, self.resolution) <= error]
         return min(met, key=lambda one: one.seconds, default=None)
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mm_gym.arrays import Array
-from mm_gym.errors import SceneError, finite_numbers, positive_number
-from mm_gym.errors import refuse as refuse_value
+from mm_gym.errors import SceneError, finite_number, positive_number
 from mm_gym.files import as_path
 from mm_gym.records.arrays import READERS, read_arrays
 from mm_gym.records.options import UNITS, Options
@@ -63,9 +62,7 @@ def resample(record: Record, step: float, *, scale: float = 1.0, time_scale: flo
         have more than `MOST_SAMPLES` samples, or one beyond the largest double.
     """
     step, time_scale = positive_number("step", step), positive_number("time_scale", time_scale)
-    factor = finite_numbers("scale", scale)
-    if factor.shape:
-        refuse_value("scale", f"{scale!r}", "a number")
+    factor = finite_number("scale", scale)
     rounding = 16.0 * np.finfo(np.float64).eps
     with np.errstate(over="ignore"):
         last = np.multiply(record.times[-1], time_scale) / step * (1.0 + rounding)

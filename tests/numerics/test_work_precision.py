@@ -164,7 +164,7 @@ def test_cheapest_is_the_cheapest_that_keeps_the_error() -> None:
     assert "too few steps (1)" in result.recommendations()
     assert "kept in all of 9 sampled steps" in wide.recommendations()
     assert "95 % confidence it is exceeded in fewer than 1 of 3 steps" in wide.recommendations()
-    for bad in (0.0, -1.0, math.nan, math.inf, "small"):
+    for bad in (0.0, -1.0, math.nan, math.inf, "small", True):
         with pytest.raises(SceneError, match=r"error: got .* greater than 0"):
             result.cheapest(bad)
 
