@@ -77,7 +77,8 @@ def _regular(path: str | PathLike[str], most: int) -> Generator[tuple[io.Buffere
     except SceneError:
         raise
     except FileNotFoundError:
-        nearest = suggest(file.name, [other.name for other in file.parent.glob("*")])
+        others = {other.name for other in file.parent.glob("*")} - {file.name}  # a link to nothing
+        nearest = suggest(file.name, others)
         msg = f"{file}: no such file{nearest}"
         raise SceneError(msg) from None
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the path

@@ -262,6 +262,9 @@ def test_file_that_cannot_be_read_is_refused(tmp_path):
     (tmp_path / "el_centro.at2").touch()
     with pytest.raises(SceneError, match=r"no such file; did you mean 'el_centro\.at2'\?"):
         read_record(tmp_path / "elcentro.at2", unit="g")
+    (tmp_path / "x.at2").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(SceneError, match=r"x\.at2: no such file$"):
+        read_record(tmp_path / "x.at2", unit="g")
     with pytest.raises(SceneError, match=r"^path: got None; allowed: the path of a file"):
         read_record(None)
     with pytest.raises(SceneError, match=r"no such file$"):
