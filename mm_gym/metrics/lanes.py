@@ -135,10 +135,14 @@ def passive_response(
 ) -> Response:
     """Return the responses of episodes with the best passive damper, see `passive_scene`.
 
-    Arguments are those of `uncontrolled_response`. Errors include those of `passive_scene`.
+    Arguments are those of `uncontrolled_response`, but no option sets the initial stretch, which is
+    the damper's. Errors include those of `passive_scene`.
     """
-    passive, stretch = passive_scene(scene)
     fixed = checked_options(options)
+    if "initial.stretch" in fixed:
+        allowed = "none, as the stretch is the damper's"
+        refuse("options: initial.stretch", f"{fixed['initial.stretch']!r:.60}", allowed)
+    passive, stretch = passive_scene(scene)
     if stretch is not None and isinstance(scene.initial.stretch, tuple):
         fixed["initial.stretch"] = stretch
     return uncontrolled_response(passive, seeds, fixed)

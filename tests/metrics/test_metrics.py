@@ -400,6 +400,8 @@ def test_what_cannot_be_measured_is_refused():
         metrics.uncontrolled_response(CARRIAGE_FORCE, 5)
     with pytest.raises(SceneError, match="options: got 3; allowed: a dictionary"):
         metrics.passive_response(CARRIAGE_FORCE, [1], 3)
+    with pytest.raises(SceneError, match=r"options: initial\.stretch: got 2\.0; allowed: none, as"):
+        metrics.passive_response(PRE_STRETCH, [1], {"initial.stretch": 2.0})
     env.step(np.zeros((2, 1)))
     with pytest.raises(SimulationError, match=r"got bool of shape \(3,\); allowed: booleans of"):
         record.add(np.ones(3, np.bool_))
