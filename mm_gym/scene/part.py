@@ -297,7 +297,8 @@ def put(data: dict[str, Data], changes: Mapping[str, object]) -> None:
     kind changes keeps none of its other entries.
     """
     kinds_first = sorted(changes.items(), key=lambda change: change[0].rpartition(".")[2] != KIND)
-    for name, value in kinds_first:
+    for name, given in kinds_first:
+        value = plain(given)
         first, dot, rest = name.partition(".")  # those drawn are named as a whole
         words = [first, rest] if dot and first == "randomization" else name.split(".")
         *path, last = words
@@ -305,9 +306,9 @@ def put(data: dict[str, Data], changes: Mapping[str, object]) -> None:
         if last == KIND and isinstance(holder, dict) and holder.get(KIND) != value:
             holder.clear()
         if isinstance(holder, list):
-            holder[_index(holder, last, name)] = plain(value)
+            holder[_index(holder, last, name)] = value
         else:
-            holder[last] = plain(value)
+            holder[last] = value
 
 
 def plain(value: object) -> Data:

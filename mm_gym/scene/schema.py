@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator
 from typing import TypeAlias, cast, get_args, get_origin
 
+from mm_gym.scene.excitation import FIXED_FIELDS
 from mm_gym.scene.part import Part, parts_of
 from mm_gym.scene.scene import DELAY, ERRORS, Scene
 from mm_gym.step.channels import CHANNELS
@@ -38,11 +39,16 @@ def scene_schema() -> str:
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 
+NEVER_DRAWN = {"objective", "control", "solver", *FIXED_FIELDS, "initial", "scale_to"}
+"""Parts and fields of no number that `randomization` may name; the last two take ranges."""
+
+
 def _name_drawn(randomization: Object) -> None:
     """Allow only the dotted names of a scene's numbers as keys of the randomisation."""
     drawn = randomization["additionalProperties"]
     errors = (f"sensors.{what}.{channel}" for what in ERRORS for channel in CHANNELS)
-    names = dict.fromkeys((*_numbers(Scene), DELAY, *errors), drawn)
+    numbers = (name for name in _numbers(Scene) if not NEVER_DRAWN.intersection(name.split(".")))
+    names = dict.fromkeys((*numbers, DELAY, *errors), drawn)
     randomization |= {
         "properties": {name: drawn for name in names if INDEX not in name},
         "patternProperties": {

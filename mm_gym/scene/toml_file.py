@@ -313,7 +313,7 @@ def _differences(part: Part) -> Table:
     for name, value in part:
         field = type(part).model_fields[name]
         default = None if field.is_required() else field.get_default(call_default_factory=True)
-        if name == "kind" or value != default:
+        if name == "kind" or repr(value) != repr(default):  # -0.0 is not 0.0
             found[name] = _plain(value)
     return {name: found[name] for name in sorted(found, key=lambda name: name != "kind")}
 

@@ -169,6 +169,11 @@ def test_replace_takes_the_values_of_a_json_file_and_of_numpy():
     assert scene.initial.sphere_offset == (0.0, 0.5)
 
 
+def test_replace_refuses_an_array_as_a_kind():
+    with pytest.raises(SceneError, match="springs: unknown kind"):
+        Scene().replace(**{"springs.kind": np.array([1.0, 2.0])})
+
+
 def test_replace_validates_anew():
     with pytest.raises(SceneError, match=r"sphere\.mass: got -1\.0; allowed: greater than 0"):
         Scene().replace(**{"sphere.mass": -1.0})

@@ -16,7 +16,7 @@ from mm_gym.__main__ import main
 from mm_gym.files import read_toml
 from mm_gym.scene import toml_file
 from mm_gym.scene.part import dotted_name
-from mm_gym.scene.toml_file import lines_of
+from mm_gym.scene.toml_file import lines_of, toml_of
 
 GOOD = """
 [carriage]
@@ -55,6 +55,12 @@ def test_file_holds_what_differs_from_the_defaults(tmp_path):
     )
     assert load_scene(file) == expected
     assert load_scene(str(file)).digest == expected.digest
+
+
+def test_sign_of_a_zero_is_kept(tmp_path):
+    scene = Scene().replace(**{"initial.sphere_offset": -0.0})
+    (tmp_path / "scene.toml").write_text(toml_of(scene, tmp_path), "utf-8")
+    assert load_scene(tmp_path / "scene.toml").digest == scene.digest
 
 
 def test_empty_file_is_the_default_scene(tmp_path):
