@@ -1,6 +1,7 @@
 """The commands about scene files: what they print, write and return."""
 
 import csv
+import io
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,13 @@ def test_validate_checks_all_files(write, capsys):
         files[0] + "x",
     ]
     assert "did you mean 'a.toml'?" in lines[-1]
+
+
+def test_name_that_the_output_cannot_show_is_one_message(write, capsys, monkeypatch):
+    file = write("größe.toml", SCENE)
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BytesIO(), encoding="ascii"))
+    assert main(["validate", file]) == 2
+    assert "'ascii' codec can't encode" in capsys.readouterr().err
 
 
 MANY = """\
