@@ -64,7 +64,8 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
     else:
         start = _start(shown, settings.law)
     random = {part.kind for part in scene.excitation} == {"noise"}
-    if not start.keep.size and settings.memory and random and shown.history > 1:
+    showing = shown.history > 1 and shown.mean_force().any()
+    if not start.keep.size and settings.memory and random and showing:
         start = start.with_memory(*force_memory(shown, settings.memory))
     plant = compile_scene(scene)
     if plant.most_delay and not start.back.size:

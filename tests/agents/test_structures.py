@@ -115,6 +115,14 @@ def test_lqg_is_begun_with_where_the_force_costs_nothing(weight: float):
     assert validation_cost(scene, Learned(start.policy())) < 0.11
 
 
+def test_nothing_foretells_a_force_that_no_frame_shows():
+    # Two frames of accelerations alone: the memory of zeros was nan, and LAPACK's error the answer.
+    sensors = {"channels": ["carriage_acceleration", "sphere_acceleration"], "history": 2}
+    scene = structure("pre_stretch").replace(sensors=sensors)
+    start = start_of(scene, settings_for("pre_stretch", law="none"), np.random.default_rng(0))
+    assert start.keep.size == 0
+
+
 def test_memory_of_late_sensors_is_reduced_to_what_it_tells(monkeypatch: pytest.MonkeyPatch):
     # Two channels, four steps late: eight states of sixteen. What is left is four actions.
     scene = structure("frame").replace(**{"sensors.delay": 4})
