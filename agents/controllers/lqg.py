@@ -51,6 +51,10 @@ LEAST = 1e-3
 a scene states none or hardly any, the force is at its limits throughout, and noise and delay decide
 how much of it is best."""
 
+GROWN = 1e4
+"""Mean penalty without control, and growth of the motion in an episode, beyond which no weight
+follows from that penalty: it is as large as the episode is long."""
+
 DISTURBANCES = UNMODELLED, 1e-2, 0.1, 1.0
 """Sizes of what is unmodelled that are tried: with more the stationary filter is quicker, as an
 episode's first steps need it, and shows more noise."""
@@ -274,7 +278,10 @@ def with_effort(scene: Scene, factor: float) -> Scene:
 def weighed(scene: Scene) -> Scene:
     """Return the scene with a weight of the force that a regulator can be designed with."""
     stated = Scene.of(scene.model_dump(mode="json"))  # without a reward of one's own
-    least = LEAST * validation_cost(stated, uncontrolled(stated)) ** 2
+    penalty = validation_cost(stated, uncontrolled(stated)) ** 2
+    fastest = np.abs(np.linalg.eigvals(plant_of(stated).discrete()[0])).max()
+    grows = penalty > GROWN and stated.control.steps * np.log(fastest) > np.log(GROWN)
+    least = LEAST * (1.0 if grows else penalty)
     if scene.objective.effort_weight >= least:
         return scene
     return scene.replace(**{"objective.effort_weight": least})

@@ -115,6 +115,15 @@ def test_lqg_is_begun_with_where_the_force_costs_nothing(weight: float):
     assert validation_cost(scene, Learned(start.policy())) < 0.11
 
 
+def test_lqg_is_begun_with_where_the_motion_grows_without_end():
+    # A thousandth of the mean penalty without control was a weight of 2e20, and refused.
+    changes = {"carriage.linear_coefficient": -0.1, "carriage.damping": 30.0}
+    scene = structure("frame").replace(**changes)
+    start = start_of(scene, settings_for("frame"), np.random.default_rng(0))
+    assert start.law == "lqg"
+    assert validation_cost(scene, Learned(start.policy())) < 0.113  # the controller: 0.1121
+
+
 def test_nothing_foretells_a_force_that_no_frame_shows():
     # Two frames of accelerations alone: the memory of zeros was nan, and LAPACK's error the answer.
     sensors = {"channels": ["carriage_acceleration", "sphere_acceleration"], "history": 2}
