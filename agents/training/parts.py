@@ -27,6 +27,7 @@ from agents.training.progress import read_ending
 from agents.training.runs import Run, RunError
 from mm_gym import (
     ActionError,
+    CompileError,
     DesignError,
     MovingMassVectorEnv,
     OwnReward,
@@ -156,7 +157,7 @@ def base_controller(scene: Scene, base: str, what: str = "base") -> Controller:
         raise not_a_law(base, scene, what, "or FILE.py:NAME")
     try:
         return applicable[base](scene)
-    except DesignError as error:
+    except (CompileError, DesignError) as error:
         msg = f"{what}: {base} cannot be designed for this scene: {error}"
         raise SceneError(msg) from error
 

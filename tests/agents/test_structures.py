@@ -33,7 +33,7 @@ from agents.training.reinforcement import train
 from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.starts import start_of
-from mm_gym import Scene, compile_scene, load_scene
+from mm_gym import Scene, SceneError, compile_scene, load_scene
 from mm_gym.arrays import Array
 
 FOLDER = Path(__file__).parents[2] / "configs" / "structures"
@@ -554,6 +554,12 @@ def test_scene_without_mass_is_trained(
     run = Run("massless", tmp_path)
     trained(settings, run, bar=False)
     assert read_ending(run) is not None
+
+
+def test_base_that_needs_a_mass_is_named():
+    massless = {"carriage.mass": 0.0, "actuation.force": {}, "objective.effort_weight": 0.01}
+    with pytest.raises(SceneError, match=r"^base: lqr cannot be designed .*: carriage\.mass: 0"):
+        make_parts(EvolveSettings.of({"changes": massless, "base": "lqr"}))
 
 
 def random_structure(seed: int) -> Scene:
