@@ -188,19 +188,23 @@ def _error(interface, model, b, h):
     """Return the largest estimate of a step's error, of motion and deviations, over its limit."""
     number = int(model[slots.SUM]) + int(model[slots.STAGES])
     zero, error = tangent(0.0, everywhere(0.0)), tangent(0.0, everywhere(0.0))
+    far, fast = _farthest(b, (layout.X1, layout.X2)), _farthest(b, (layout.V1, layout.V2))
+    p = from_row(b, slots.PARAMETERS)
+    rates = rates_of(interface, p, far, fast, (zero, zero))
     q1, q2, r1, r2 = summed(b, number, zero, zero)
     o1, o2, s1, s2 = summed(b, number + 1, zero, zero)
-    rounded = _rounded(interface, b)
-    error = _over(model, h, (q1, q2), (o1, o2), (layout.V1, layout.V2), b, error, rounded)
+    rounded = _rounded(interface, b, far, fast)
+    error = _over(model, h, (q1, q2), (o1, o2), (layout.V1, layout.V2), b, error, rounded, zero)
     ways, others = (h * r1, h * r2), (h * s1, h * s2)
-    error = _over(model, h, ways, others, (layout.X1, layout.X2), b, error, h * rounded)
+    error = _over(model, h, ways, others, (layout.X1, layout.X2), b, error, h * rounded, zero)
     moves = larger(_size(b, (layout.X1, layout.X2)), _size(b, (layout.V1, layout.V2)))
     own = runge_kutta.summed_own(interface, b, number, (zero, zero))
     other = runge_kutta.summed_own(interface, b, number + 1, (zero, zero))
     for k in range(own_states_of(interface)):
-        row = slots.OWN + k
-        error = _over(model, h, (own[k], own[k]), (other[k], other[k]), (row, row), b, error, moves)
-    largest, p = value_of(error), from_row(b, slots.PARAMETERS)
+        row, lost = slots.OWN + k, (h * runge_kutta.ROUND_OFF) * rates[k]
+        ways, others = (own[k], own[k]), (other[k], other[k])
+        error = _over(model, h, ways, others, (row, row), b, error, moves, lost)
+    largest = value_of(error)
     slips = b[3] - b[2], b[slots.END + 3] - b[slots.END + 2]
     if not resolves(interface, p, slips[0], slips[1], runge_kutta.LONGEST_WAY_OF_BOTH):
         largest = max(largest, UNRESOLVED)
@@ -210,10 +214,11 @@ def _error(interface, model, b, h):
 
 
 @inlined_kernel
-def _rounded(interface, b):
+def _rounded(interface, b, far, fast):
     """Return what rounding leaves of a velocity's deviations that an own state balances.
 
-    For example z of hysteresis loses by the yield displacement what the force gains by it.
+    For example z of hysteresis loses by the yield displacement what the force gains by it. Where
+    both masses move almost alike, few digits are left of the slip velocity that deviations follow.
     """
     if own_states_of(interface) == 0:
         return everywhere(0.0)
@@ -223,8 +228,19 @@ def _rounded(interface, b):
     frozen = tangent(value_of(first), still), tangent(value_of(second), still)
     given = slopes_of(force_of(interface, p, offset, slip, (first, second)))
     given = given - slopes_of(force_of(interface, p, offset, slip, frozen))
+    zero = tangent(0.0, still)
+    alike = slopes_of(force_of(interface, p, far, fast, (zero, zero)))
     by_mass = value_of(b[slots.BY_M1]) + value_of(b[slots.BY_M2])
-    return abs(given) * (runge_kutta.ROUND_OFF * by_mass)
+    return (abs(given) + abs(alike)) * (runge_kutta.ROUND_OFF * by_mass)
+
+
+@inlined_kernel
+def _farthest(b, rows):
+    """Return the largest magnitude of two rows in a step, without deviations."""
+    found = 0.0
+    for row in rows:
+        found = max(found, abs(value_of(b[row])), abs(value_of(b[slots.END + row])))
+    return tangent(found, everywhere(0.0))
 
 
 @inlined_kernel
@@ -239,12 +255,13 @@ def _size(b, rows):
 
 
 @inlined_kernel
-def _over(model, h, fifth, third, rows, b, error, least):
+def _over(model, h, fifth, third, rows, b, error, least, lost):
     """Return the larger of an error over its limit and of that of two rows, of which is the scale.
 
     Positions are compared with positions, velocities with velocities, each column by itself. An own
     state that is saturated forgets its deviations: they count as far as those of the motion, over
-    it, which are `least`. Of the motion `least` is what rounding leaves of the deviations.
+    it, which are `least`. Of the motion `least` is what rounding leaves of the deviations, and
+    `lost` of an own state what it leaves where both masses move almost alike.
     """
     limit = model[slots.LIMIT] * max(h / model[layout.SAMPLE_INTERVAL], runge_kutta.LEAST_ALONE)
     limit = max(limit, runge_kutta.ROUND_OFF)
@@ -257,8 +274,9 @@ def _over(model, h, fifth, third, rows, b, error, least):
     if rows[0] >= slots.OWN:  # it passes 0 by itself: what it changes by in the interval counts too
         part = model[layout.SAMPLE_INTERVAL] / h
         kick = b[slots.OWN_KICKS + rows[0] - slots.OWN]
-        scale = max(scale, abs(value_of(kick)) * part)
+        scale = max(scale, abs(value_of(kick)) * part + abs(value_of(lost)) / limit)
         width = larger(larger(width, abs(slopes_of(kick)) * part), least * scale)
+        width = width + abs(slopes_of(lost)) * (1.0 / limit)
     else:
         width = width + least * (1.0 / limit)
     if rows[0] == layout.V1:  # what rounding leaves of balanced forces

@@ -516,3 +516,34 @@ def test_hysteresis_has_derivatives_where_an_episode_begins(name: str) -> None:
     found = plants[1].jacobian(start, force, parameters=[field]).parameters[field]
     floor = 1e-7 * abs(slope).max() + 1e-300  # while z grows, the shape has no effect
     np.testing.assert_allclose(found[: len(slope)], slope, rtol=1e-5, atol=floor)
+
+
+def test_masses_that_move_almost_alike_have_derivatives() -> None:
+    """From rest the ground moves both alike: rounding leaves few digits of the slip velocity."""
+    sweep = {"amplitude": 0.6, "start_frequency": 8.0, "end_frequency": 22.0, "duration": 6.0}
+    excitation = [{"kind": "sweep", "target": "ground", "phase": 1.5, **sweep}]
+    scene = Scene(
+        carriage={"mass": 5.0, "stiffness": 1000.0, "damping": 2.0},
+        sphere={"mass": 0.5},
+        interface={"kind": "magnetorheological"},
+        springs={"kind": "linear", "stiffness": 95.0},
+        excitation=excitation,
+        actuation={"voltage": {}},
+        control={"time_step": 0.02},
+    )
+
+    def begun(**initial: float) -> MovingMassVectorEnv:
+        env = MovingMassVectorEnv(scene.replace(initial=initial), 1, autoreset_mode="Disabled")
+        env.reset(seed=[0])
+        return env
+
+    def end(velocity: float) -> np.ndarray:
+        *_, info = begun(carriage_velocity=velocity).step(np.array([[0.3]]))
+        return info["state"][0]
+
+    env = begun()
+    start = env.get_state()
+    lanes = start["values"], start["streams"]
+    physics = Sensitivities(env.plant.support, (env.plant.model, env.plant.task), lanes)
+    found = physics.jacobian(np.array([[0.3]])).state[0][:4, 2]
+    np.testing.assert_allclose(found, (end(1e-6) - end(-1e-6)) / 2e-6, rtol=1e-5)
