@@ -16,7 +16,8 @@ from mm_gym.arrays import Array
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.errors import SceneError, refuse
 from mm_gym.lanes import layout
-from mm_gym.sensitivity import Outputs, Sensitivities
+from mm_gym.plant.outputs import Outputs
+from mm_gym.sensitivity import Sensitivities
 
 try:
     import torch

@@ -8,15 +8,9 @@ from numpy.typing import NDArray
 
 from mm_gym import DesignError, Plant, Scene
 from mm_gym.arrays import Array
+from mm_gym.plant import central_differences, difference_steps
 from mm_gym.scene import Objective
-from mm_gym.sensitivity import (
-    Actuator,
-    Sensitivities,
-    central_differences,
-    difference_steps,
-    expected,
-    sweep,
-)
+from mm_gym.sensitivity import Actuator, Sensitivities, expected, sweep
 
 Indices = NDArray[np.intp]
 

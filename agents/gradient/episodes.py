@@ -10,7 +10,8 @@ from agents.gradient.network import Network
 from mm_gym import ActionError, DesignError, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array, Single
 from mm_gym.errors import refuse
-from mm_gym.sensitivity import Outputs, Sensitivities
+from mm_gym.plant import Outputs
+from mm_gym.sensitivity import Sensitivities
 
 MOST = 10.0  # largest slope of a lane over the median of all lanes, by default
 

@@ -10,7 +10,4 @@ from mm_gym.sensitivity.actuators import Actuator as Actuator
 from mm_gym.sensitivity.jacobian import Jacobian as Jacobian
 from mm_gym.sensitivity.jacobian import Sensitivities as Sensitivities
 from mm_gym.sensitivity.model import expected as expected
-from mm_gym.sensitivity.outputs import Outputs as Outputs
-from mm_gym.sensitivity.outputs import central_differences as central_differences
-from mm_gym.sensitivity.outputs import difference_steps as difference_steps
 from mm_gym.sensitivity.sweep_kernel import sweep as sweep

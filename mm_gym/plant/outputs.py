@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
+from mm_gym.plant.plant import Plant
+from mm_gym.scene.scene import Scene
 from mm_gym.sensitivity.jacobian import Sensitivities
 from mm_gym.step.channels import CHANNELS
 from mm_gym.step.task import state_cost, state_weights
-
-if TYPE_CHECKING:
-    from mm_gym.plant.plant import Plant
-    from mm_gym.scene.scene import Scene
 
 
 def difference_steps(scene: Scene, lanes: Sensitivities) -> Array:
