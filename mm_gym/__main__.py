@@ -57,6 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         SimulationError,
         DependencyNotInstalled,
         OSError,
+        MemoryError,
         UnicodeEncodeError,  # of a name that the output's encoding has no letters for
     ) as error:
         print(f"error: {error}", file=sys.stderr)

@@ -127,6 +127,7 @@ Samples: TypeAlias = tuple[Array, Array, float]
 
 SHORTEST = 1e-9  # shortest spacing of samples [s]
 MOST_COLUMNS = 1000  # columns of a file, at most
+MOST_LINES = 2**24  # of a file, which has at most 16 MiB
 
 
 @dataclass(frozen=True)
@@ -153,8 +154,8 @@ class Options:
         is_step = isinstance(self.time_step, Real) and SHORTEST <= self.time_step <= LARGEST
         if isinstance(self.time_step, bool) or not (self.time_step is None or is_step):
             refuse("time_step", f"{self.time_step!r}", f"{SHORTEST:g} to {LARGEST:g} s")
-        if type(self.skip) is not int or self.skip < 0:
-            refuse("skip", f"{self.skip!r}", "a number of lines, 0 or more")
+        if type(self.skip) is not int or not 0 <= self.skip <= MOST_LINES:
+            refuse("skip", f"{self.skip!r}", f"a number of lines, 0 to {MOST_LINES}")
         is_number = type(self.column) is int and 1 <= self.column <= MOST_COLUMNS
         if not (self.column is None or is_number or (isinstance(self.column, str) and self.column)):
             refuse("column", f"{self.column!r}", f"a number from 1 to {MOST_COLUMNS}, or a name")

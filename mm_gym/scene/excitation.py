@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import refuse
+from mm_gym.records.options import MOST_LINES
 from mm_gym.scene.part import Part, Ratio, Rule, below, listed, never, ordered
 
 Positive = Annotated[float, Field(gt=0)]
@@ -295,7 +296,7 @@ class Recorded(Sampled):
     column: Annotated[int, Field(ge=1, le=1000)] | Annotated[str, Field(min_length=1)] | None = None
     """number, from 1, or name of the column with the samples; by default the only one, or the
     second of two. Without time_step the first column has the times [s]"""
-    skip: Annotated[int, Field(ge=0)] = 0
+    skip: Annotated[int, Field(ge=0, le=MOST_LINES)] = 0
     """number of lines to leave out at the beginning of a text"""
     variable: Annotated[str, Field(min_length=1)] | None = None
     """name of the array in a .mat or .npz file, or of the field of a struct, as in "run.acc"; by

@@ -47,6 +47,16 @@ def test_name_that_the_output_cannot_show_is_one_message(write, capsys, monkeypa
     assert "'ascii' codec can't encode" in capsys.readouterr().err
 
 
+def test_want_of_memory_is_one_message(write, capsys, monkeypatch):
+    def starved(*_, **__):
+        msg = "Unable to allocate 46.9 PiB"  # as NumPy says it
+        raise MemoryError(msg)
+
+    monkeypatch.setattr("mm_gym.precision.work_precision", starved)
+    assert main(["work-precision", write("a.toml", SCENE)]) == 2
+    assert capsys.readouterr().err == "error: Unable to allocate 46.9 PiB\n"
+
+
 MANY = """\
 [carriage]
 mass = 0
