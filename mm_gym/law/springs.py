@@ -41,9 +41,30 @@ def pair_force(twice_k0, stretch, offset, shortened):
     There is no difference of the two sides' nearly equal stretches in it. A collapsed spring has no
     number as its force.
     """
-    product = fma(-shortened, shortened, stretch * stretch)  # of both sides' stretches
-    product = where(product > 0.0, product, math.nan)
-    return twice_k0 * offset * (1.0 + (stretch + stretch) / (product * product))  # (6)
+    by = _by_product(stretch, shortened)
+    return twice_k0 * offset * fma(stretch + stretch, by * by, 1.0)  # (6)
+
+
+@inlined_kernel
+def pair_slope(stretch, shortened):
+    """Return the slope of that force over the offset, over 2 k0."""
+    by, square = _by_product(stretch, shortened), shortened * shortened
+    return fma((stretch + stretch) * (by * by), fma(4.0 * square, by, 1.0), 1.0)
+
+
+@inlined_kernel
+def pair_bend(stretch, shortened):
+    """Return a sixth of its third derivative, over 2 k0 / l0^2."""
+    by = _by_product(stretch, shortened)
+    rise = shortened * shortened * by
+    return 4.0 * stretch * (by * by * by) * fma(fma(16.0, rise, 12.0), rise, 1.0)
+
+
+@inlined_kernel
+def _by_product(stretch, shortened):
+    """Return one over the product of both sides' stretches; of a collapsed spring no number."""
+    product = fma(-shortened, shortened, stretch * stretch)
+    return 1.0 / where(product > 0.0, product, math.nan)
 
 
 @inlined_kernel

@@ -31,6 +31,9 @@ SERIES = 4_000_000
 
 VALUED = "stribeck", "bouc_wen", "magnetorheological"  # kinds of interface in value form
 
+FINITE = 5_000_000
+"""The first seed of scenes for the splitting with springs of finite stretch, with all of these."""
+
 EXCITATIONS = (
     *("harmonic", "sweep", "noise", "kanai_tajimi", "clough_penzien", "impulse", "record"),
 )
@@ -51,7 +54,8 @@ def random_plant(seed: int, folder: Path) -> tuple[Scene, Plant]:
         rng.choice(DRAWN)
     for _ in range(TRIES):
         try:
-            scene = _scene(rng, method, folder / f"{seed}.csv", parametric=seed >= PARAMETRIC)
+            kind = {"parametric": seed >= PARAMETRIC, "finite": seed >= FINITE}
+            scene = _scene(rng, method, folder / f"{seed}.csv", **kind)
             plant = compile_scene(scene)
             if _is_swapped(scene, plant.method.name, method):
                 scene = scene.replace(**{"solver.method": method})
@@ -67,14 +71,17 @@ def random_plant(seed: int, folder: Path) -> tuple[Scene, Plant]:
 def _is_swapped(scene: Scene, chosen: str, method: str) -> bool:
     """Tell whether `auto` took one of two methods where the other one applies too."""
     if chosen == "splitting":
-        return method == "runge_kutta" and bool(scene.randomization or scene.excitation)
+        is_finite = scene.springs.kind == "finite_stretch"
+        return method == "runge_kutta" and bool(
+            scene.randomization or scene.excitation or is_finite
+        )
     return chosen == "runge_kutta" != method
 
 
 def method_of(seed: int) -> str:
     """Return the method for which the scene of a seed is made."""
     if seed >= SERIES:
-        return "series"
+        return "series" if seed < FINITE else "splitting"
     if seed >= DEVICES:
         return "devices"
     if seed >= GENERAL:
@@ -90,7 +97,9 @@ def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
-def _scene(rng: np.random.Generator, method: str, file: Path, *, parametric: bool) -> Scene:
+def _scene(
+    rng: np.random.Generator, method: str, file: Path, *, parametric: bool, finite: bool
+) -> Scene:
     """Return a random scene to which a method may apply, for some methods parametric or not."""
     fixed, is_plain = (
         method == "splitting" and not parametric,
@@ -98,8 +107,10 @@ def _scene(rng: np.random.Generator, method: str, file: Path, *, parametric: boo
     )
     x1, offset = _near(rng, 0.01) * _sign(rng), _near(rng, 0.01) * _sign(rng)
     m1, m2, k1 = _near(rng, 0.1), _near(rng, 0.04), _near(rng, 400.0)
-    springs = _springs(rng, method, offset, is_plain=is_plain)
+    springs = _springs(rng, method, offset, is_plain=is_plain, finite=finite)
     beta, alpha = _coefficients(rng, method, x1)
+    if finite and rng.random() < 0.4:
+        beta, alpha = 0.0, 1.0
     k2 = 6.0 * springs.get("stiffness", 0.0)
     hardening = max(0.0, 1.0 + 3.0 * beta * x1**2)
     rate = float(np.sqrt((k1 * hardening + k2) / m1 + k2 / m2))
@@ -151,12 +162,16 @@ def _coefficients(rng: np.random.Generator, method: str, x1: float) -> tuple[flo
     return beta, float(rng.choice([1.0, 1.0, 0.0, -1.0]))
 
 
-def _springs(rng: np.random.Generator, method: str, offset: float, *, is_plain: bool) -> Values:
+def _springs(
+    rng: np.random.Generator, method: str, offset: float, *, is_plain: bool, finite: bool
+) -> Values:
     kinds = ["none", "small_on_large"]
     if is_plain:
         kinds = ["small_on_large"]
     if method in ("taylor", "runge_kutta"):
         kinds += ["finite_stretch"]
+    if finite:
+        kinds = ["finite_stretch"]
     kind = str(rng.choice(kinds))
     if kind == "none":
         return {"kind": kind}
@@ -166,7 +181,8 @@ def _springs(rng: np.random.Generator, method: str, offset: float, *, is_plain: 
         "stretch": float(rng.uniform(1.0, 3.0)),
     }
     if kind == "finite_stretch":
-        springs["rest_length"] = abs(offset) * float(rng.uniform(1.5, 10.0))
+        nearest = 1.05 / springs["stretch"] if finite else 1.5
+        springs["rest_length"] = abs(offset) * float(rng.uniform(nearest, 10.0))
     return springs
 
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+import mpmath as mp
 import numpy as np
 import pytest
 from oracle import error
 
 from mm_gym import CompileError, Scene, compile_scene, simulate
+from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout
 from mm_gym.lanes.simd import LANES
+from mm_gym.law import springs
 from mm_gym.methods.splitting import layout as slots
 from mm_gym.methods.splitting import method
 from mm_gym.methods.splitting.method import TIGHTEST, Plan, drifts_of, weights_of
@@ -33,6 +36,10 @@ SPRUNG = FREE.replace(
     springs={"kind": "small_on_large", "stiffness": 35.0},
     **{"actuation.stretch": {"minimum": 1.0, "maximum": 3.0}},
 )
+FINITE = SPRUNG.replace(
+    springs={"kind": "finite_stretch", "stiffness": 35.0, "rest_length": 0.04, "stretch": 1.5}
+)
+LINEAR = FINITE.replace(**{"carriage.cubic_coefficient": 0.0, "control.time_step": 0.01})
 DRAWN = {
     "carriage.mass": (0.08, 0.12),
     "carriage.damping": (0.5, 2.0),
@@ -60,6 +67,12 @@ SCENES = {
             "drawn, sprung",
             SPRUNG.replace(randomization=DRAWN | {"springs.stiffness": (20.0, 40.0)}),
         ),
+        ("finite", FINITE),
+        ("finite, linear", LINEAR),
+        (
+            "finite, drawn, shaken",
+            FINITE.replace(randomization=DRAWN | {"springs.rest_length": (0.03, 0.05)}, **SHAKEN),
+        ),
     )
 }
 
@@ -69,7 +82,7 @@ def _end(plant: Plant, model: np.ndarray) -> np.ndarray:
     lane = Lanes(plant, 1)
     lane.restart()
     lane.values[layout.FORCE] = 3.0
-    lane.raise_for(plant.method.entries.propagate(model, lane.values, 0, 1))
+    lane.raise_for(plant.entries.propagate(model, lane.values, 0, 1))
     return lane.values[:4, 0].copy()
 
 
@@ -134,7 +147,7 @@ def test_a_flight_through_the_middle_keeps_the_tolerance(name: str, tolerance: f
         lanes = Lanes(one, 2000)
         lanes.restart()
         lanes.values[:4] = starts
-        lanes.raise_for(one.method.entries.propagate(one.model, lanes.values, 0, 2000))
+        lanes.raise_for(one.entries.propagate(one.model, lanes.values, 0, 2000))
         ends.append(lanes.values[:4].copy())
     sizes = np.maximum(abs(starts), abs(ends[1])).reshape(2, 2, 2000).max(1)
     assert (abs(ends[0] - ends[1]) / np.repeat(sizes, 2, axis=0)).max() <= tolerance
@@ -149,8 +162,10 @@ def test_lane_that_misses_the_tolerance_is_redone_by_the_series(name: str) -> No
     for one in (plant, series):
         lanes = Lanes(one, LANES)
         lanes.restart()
-        lanes.values[layout.X1, 5] = 0.05
-        lanes.raise_for(one.method.entries.propagate(one.model, lanes.values, 0, LANES))
+        # Far out, and close to the end of springs of finite stretch.
+        reach = 0.97 * lanes.values[layout.STRETCH, 5] * lanes.values[layout.L0, 5]
+        lanes.values[[layout.X1, layout.X2], 5] = 0.05, 0.05 + reach
+        lanes.raise_for(one.entries.propagate(one.model, lanes.values, 0, LANES))
         ends.append(lanes.values[:4].copy())
     assert np.array_equal(ends[0][:, 5], ends[1][:, 5])
     assert not np.array_equal(ends[0][:, 4], ends[1][:, 4])
@@ -181,6 +196,18 @@ def test_drifts_are_the_exponential_of_the_dampers() -> None:
         assert np.abs(drift[4:] - want[2:, 2:].ravel()).max() <= 1e-15
 
 
+def test_slope_and_bend_of_springs_of_finite_stretch_are_derivatives_of_their_force() -> None:
+    with mp.workdps(40):
+        for stretch, shortened in ((1.5, 0.4), (2.0, -1.7), (1.0, 0.0)):
+
+            def force(u: mp.mpf, stretch: float = stretch) -> mp.mpf:
+                return u * (1 + 2 * stretch / (mp.mpf(stretch) ** 2 - u**2) ** 2)
+
+            slope, third = mp.diff(force, shortened), mp.diff(force, shortened, 3)
+            assert plain(springs.pair_slope)(stretch, shortened) == pytest.approx(float(slope))
+            assert plain(springs.pair_bend)(stretch, shortened) == pytest.approx(float(third / 6))
+
+
 def test_it_is_taken_above_the_default_tolerance_and_the_series_from_there_on() -> None:
     names = {
         tolerance: compile_scene(FREE.replace(**{"solver.tolerance": tolerance})).method.name
@@ -195,8 +222,16 @@ def test_it_is_taken_above_the_default_tolerance_and_the_series_from_there_on() 
 
 @pytest.mark.parametrize("name", list(SCENES))
 def test_it_is_taken_whatever_is_drawn_and_excites(name: str) -> None:
-    scene = SCENES[name].replace(solver={"tolerance": 1e-6})
+    scene = SCENES[name].replace(solver={"tolerance": 1e-5})
     assert compile_scene(scene).method.name == "splitting"
+
+
+def test_tight_tolerances_of_linear_carriages_are_left_to_the_runge_kutta_pairs() -> None:
+    names = {
+        tolerance: compile_scene(LINEAR.replace(**{"solver.tolerance": tolerance})).method.name
+        for tolerance in (1e-3, 1e-5, 0.9e-5)
+    }
+    assert names == {1e-3: "splitting", 1e-5: "splitting", 0.9e-5: "runge_kutta"}
 
 
 @pytest.mark.parametrize(

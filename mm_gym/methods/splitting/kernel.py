@@ -16,25 +16,46 @@ LANES), the columns' states, what is drawn, what excites.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.excitation.sources import excitation, is_excited, load_sources, strongest
+from mm_gym.excitation.sources import excitation, load_sources, strongest
 from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write_states
 from mm_gym.lanes.simd import LANES, element, everywhere
 from mm_gym.lanes.simd_masks import all_hold, larger, where
 from mm_gym.lanes.simd_memory import rows_on_stack
+from mm_gym.law.interface import Law, is_excited, is_finite
 from mm_gym.law.motion import control_forces
-from mm_gym.law.springs import stiffness
+from mm_gym.law.springs import pair_bend, pair_force, pair_slope, stiffness
 from mm_gym.methods.splitting import layout as slots
 from mm_gym.methods.taylor import kernel as taylor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+RISE, LEAST_RISE = 7.0, 2.0
+"""Of the way between two kicks, over what is left of the way to a collapse, in the estimate; and
+what the estimate is raised by at rest."""
 
 _rows = rows_on_stack(slots.ROWS)
 
 
-@borrowing_kernel
-def propagate(model, lanes, first, last):
-    """Advance the lanes by one sample interval; force and stretch are held over it."""
+def propagate_with(law: Law) -> Callable[..., int]:
+    """Return the kernel of a law of motion."""
+
+    @borrowing_kernel
+    def propagate(model, lanes, first, last):
+        """Advance the lanes by one sample interval; force and stretch are held over it."""
+        return _propagate(law, model, lanes, first, last)
+
+    return propagate
+
+
+@inlined_kernel
+def _propagate(law, model, lanes, first, last):
+    """Advance the lanes by one sample interval."""
     if model[layout.SAMPLE_INTERVAL] != model[slots.INTERVAL]:  # up to an impulse, or from one
         return taylor.propagate(model, lanes, first, last)
     b, columns, i, status = _rows(), int(model[slots.FIRST_CHECK]), first, layout.OK
@@ -46,7 +67,7 @@ def propagate(model, lanes, first, last):
             if last - i < LANES:
                 done = 0
         if i < last:
-            status = max(status, _finish(model, lanes, b, done, i, min(LANES, last - i)))
+            status = max(status, _finish(law, model, lanes, b, done, i, min(LANES, last - i)))
             i += LANES
     return status
 
@@ -72,10 +93,7 @@ def _advance(model, lanes, b, columns, first, last):
         return _advance_by_one(model, lanes, b, first, last)
     prefer_widest_vectors()
     stay_apart()
-    slot, furthest = (
-        slots.WEIGHTS + slots.WEIGHTS_SIZE * columns,
-        model[slots.FURTHEST + columns - 1],
-    )
+    slot = slots.WEIGHTS + slots.WEIGHTS_SIZE * columns
     for i in range(first, last - LANES + 1, LANES):
         push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, LANES)
         reached = everywhere(0.0)
@@ -84,8 +102,9 @@ def _advance(model, lanes, b, columns, first, last):
             b[4 * k], b[4 * k + 1], b[4 * k + 2], b[4 * k + 3] = c1, c2, c3, c4
         y1, y2, w1, w2 = _weighed(model, slot, b, columns - 1)
         turn, size = _turn(model, reached), _largest(x1, x2, y1, y2)
-        near = _is_within(model, slot, b, columns - 1, turn, size, _largest(v1, v2, w1, w2))
-        near = near & (reached <= furthest)
+        raised, speed = model[slots.RAISE] * turn, _largest(v1, v2, w1, w2)
+        near = _is_within(model, slot, b, columns - 1, turn, size, speed, raised)
+        near = near & (turn <= model[slots.LONGEST + columns - 1])
         near = near & _is_little_pushed(model, columns - 1, push, turn, size)
         if not all_hold(near):
             return i
@@ -98,13 +117,12 @@ def _advance_by_one(model, lanes, b, first, last):
     """Advance lanes by one column, while it does; return as `_advance`."""
     prefer_widest_vectors()
     stay_apart()
-    furthest = model[slots.FURTHEST]
     for i in range(first, last - LANES + 1, LANES):
         push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, LANES)
         y1, y2, w1, w2, reached = _column(model, b, 0, push, x1, x2, v1, v2)
         turn, size = _turn(model, reached), _largest(x1, x2, y1, y2)
-        near = (reached <= furthest) & _is_little_pushed(model, 0, push, turn, size)
-        near = near & _is_short_way(model, push, size, x1, y1)
+        near = (turn <= model[slots.LONGEST]) & _is_little_pushed(model, 0, push, turn, size)
+        near = near & (model[slots.BENT] * _bent(model, push, size, abs(y1 - x1)) <= size)
         if not all_hold(near):
             b[0], b[1], b[2], b[3] = y1, y2, w1, w2
             return i
@@ -113,7 +131,7 @@ def _advance_by_one(model, lanes, b, first, last):
 
 
 @borrowing_kernel
-def _finish(model, lanes, b, done, i, count):
+def _finish(law, model, lanes, b, done, i, count):
     """Advance the lanes i .. i + count - 1, each by as many columns as it needs.
 
     Parameters
@@ -127,21 +145,21 @@ def _finish(model, lanes, b, done, i, count):
     stay_apart()
     push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, count)
     first_check, sprung = int(model[slots.FIRST_CHECK]), model[slots.IS_SPRUNG] > 0.0
-    k2, excited, bends = everywhere(0.0), is_excited(model), (everywhere(0.0), everywhere(0.0))
+    bends, pair = (everywhere(0.0), everywhere(0.0)), (push, push, push)
     most = drag = push
     if sprung:
-        k2 = stiffness(read(lanes, layout.K0, i, count), read(lanes, layout.STRETCH, i, count))
-        drag = _drag(model, lanes, b, i, count)
+        pair, drag = _pair(law, lanes, i, count), _drag(model, lanes, b, i, count)
         most = abs(push) + abs(drag)
-        if excited:
+        if is_excited(law):
             load_sources(model, lanes, i, count, b, slots.SOURCES)
             most, bends = _strongest(model, b, most)
     y1, y2, w1, w2, kept, reached = x1, x2, v1, v2, everywhere(0.0), everywhere(0.0)
+    apart = reached, reached
     for k in range(int(model[slots.COLUMNS])):
         if k >= done:
             if sprung:
-                held, state = (push, drag, k2), (x1, x2, v1, v2)
-                c1, c2, c3, c4, reached = _sprung_column(model, b, k, held, state)
+                held, state = (push, drag, pair), (x1, x2, v1, v2)
+                c1, c2, c3, c4, reached, apart = _sprung_column(law, model, b, k, held, state)
             else:
                 c1, c2, c3, c4, reached = _column(model, b, k, push, x1, x2, v1, v2)
             b[4 * k], b[4 * k + 1], b[4 * k + 2], b[4 * k + 3] = c1, c2, c3, c4
@@ -152,14 +170,24 @@ def _finish(model, lanes, b, done, i, count):
         slot = slots.WEIGHTS + slots.WEIGHTS_SIZE * (k + 1)
         s1, s2, s3, s4 = _weighed(model, slot, b, k)
         turn, size = _turn(model, reached), _largest(x1, x2, s1, s2)
-        near = reached <= model[slots.FURTHEST + k]
+        if is_finite(law):
+            turn = fma(model[slots.COUPLED], pair[0] * pair_slope(*_on(pair, apart[0])), turn)
+        near = turn <= model[slots.LONGEST + k]
         near = near & _is_little_pushed(model, k, most, turn, size)
         speed = _largest(v1, v2, s3, s4)
         if k > 0:
-            near = near & _is_within(model, slot, b, k, turn, size, speed)
+            raised = model[slots.RAISE] * turn
+            if is_finite(law):
+                raised = larger(raised, _rise(pair, *apart))
+            near = near & _is_within(model, slot, b, k, turn, size, speed, raised)
         else:
-            near = near & _is_short_way(model, most, size, x1, s1)
-        if excited:
+            bent = model[slots.BENT] * _bent(model, most, size, abs(s1 - x1))
+            if is_finite(law):
+                way = abs((s2 - s1) - (x2 - x1))
+                bend = pair[0] * pair_bend(*_on(pair, apart[0]))
+                bent = fma(model[slots.BENT_APART] * bend, _bent(model, most, size, way), bent)
+            near = near & (bent <= size)
+        if is_excited(law):
             share = model[slots.BENDING + k]
             near = near & (share * bends[0] <= size) & (share * bends[1] <= speed)
         fresh = near & (kept == 0.0)
@@ -207,6 +235,21 @@ def _loaded(model, lanes, b, i, count):
 
 
 @inlined_kernel
+def _pair(law, lanes, i, count):
+    """Return 2 k0 [N/m], stretch and 1 / l0 [1/m] of springs of finite stretch; of others k2."""
+    k0, stretch = read(lanes, layout.K0, i, count), read(lanes, layout.STRETCH, i, count)
+    if is_finite(law):
+        return k0 + k0, stretch, 1.0 / read(lanes, layout.L0, i, count)
+    return stiffness(k0, stretch), stretch, stretch
+
+
+@inlined_kernel
+def _on(pair, offset):
+    """Return what the laws of such springs read: their stretch, and the offset over l0."""
+    return pair[1], offset * pair[2]
+
+
+@inlined_kernel
 def _drag(model, lanes, b, i, count):
     """Return the deceleration of the spheres by a force held between the masses [m/s^2].
 
@@ -228,13 +271,26 @@ def _turn(model, reached):
 
 
 @inlined_kernel
+def _rise(pair, furthest, way):
+    """Return by what springs raise the estimate whose force rises towards their collapse.
+
+    Parameters
+    ----------
+    furthest, way
+        The largest offset, and the largest way between two kicks [m].
+    """
+    rise = RISE * way * pair[2] / (pair[1] - furthest * pair[2])
+    return fma(rise, rise, LEAST_RISE)
+
+
+@inlined_kernel
 def _largest(a, b, c, d):
     """Return the largest size of four numbers."""
     return larger(larger(abs(a), abs(b)), larger(abs(c), abs(d)))
 
 
 @inlined_kernel
-def _is_within(model, slot, b, last, turn, size, speed):
+def _is_within(model, slot, b, last, turn, size, speed, raised):
     """Tell whether the errors of several columns are within the limit, by their estimates.
 
     Parameters
@@ -245,8 +301,10 @@ def _is_within(model, slot, b, last, turn, size, speed):
         (of.ROWS, LANES) read: the columns' states.
     size, speed
         The largest position [m] and velocity [m/s] at the start and at the end.
+    raised
+        By what the first column raises the estimates, where that is more than 1.
     """
-    raised = larger(model[slots.RAISE] * turn, everywhere(1.0))
+    raised = larger(raised, everywhere(1.0))
     size, speed = model[slots.LIMIT] * size, model[slots.LIMIT] * speed
     near = raised * _estimate(model, slot, b, last, turn, 0) <= size
     near = near & (raised * _estimate(model, slot, b, last, turn, 2) <= speed)
@@ -295,8 +353,8 @@ def _strongest(model, b, push):
 
 
 @inlined_kernel
-def _is_short_way(model, push, size, x1, y1):
-    """Tell whether the bound of one column's error on a long way is within the limit.
+def _bent(model, push, size, way):
+    """Return what multiplies a spring's bend in the bound of one column's error on a long way.
 
     Parameters
     ----------
@@ -304,11 +362,10 @@ def _is_short_way(model, push, size, x1, y1):
         Acceleration by the force [m/s^2].
     size
         The largest position at the start and at the end [m].
-    x1, y1
-        The carriage's position at the start and at the end [m].
+    way
+        How much longer or shorter the spring becomes [m].
     """
-    way, shift = abs(y1 - x1), model[slots.SQUARE] * abs(push)
-    return model[slots.BENT] * way * fma(way, way, size * shift) <= size
+    return way * fma(way, way, size * (model[slots.SQUARE] * abs(push)))
 
 
 @inlined_kernel
@@ -416,65 +473,80 @@ def _substeps(model, slot, springs, dampers, push, state):
 
 
 @inlined_kernel
-def _sprung_column(model, b, k, held, state):
-    """Return the same with springs or a force between the masses, or excitation."""
+def _sprung_column(law, model, b, k, held, state):
+    """Return the same with springs or a force between the masses, or excitation.
+
+    Behind it the largest offset, and the largest way of the offset at once [m].
+    """
     slot = slots.COLUMN + slots.COLUMN_SIZE * k
     if model[slots.IS_DRAWN] > 0.0:
         plant = _springs(b, slots.OWN), _own_dampers(model, b, slot)
-        # None is another type, so that a loop without excitation is compiled by itself.
-        if is_excited(model):
-            return _sprung_substeps(model, slot, plant, held, state, b)
-        return _sprung_substeps(model, slot, plant, held, state, None)
+        return _sprung_substeps(law, model, slot, plant, held, state, b)
     shared = _springs(model, slots.PLANT), _dampers(model, slot)
-    if is_excited(model):
-        return _sprung_substeps(model, slot, shared, held, state, b)
-    return _sprung_substeps(model, slot, shared, held, state, None)
+    return _sprung_substeps(law, model, slot, shared, held, state, b)
 
 
 @inlined_kernel
-def _sprung_substeps(model, slot, plant, held, state, sources):
-    """Return the same of given springs and dampers, and what is held: push, drag and k2."""
+def _sprung_substeps(law, model, slot, plant, held, state, b):
+    """Return the same of given springs and dampers, and what is held: push, drag and the pair."""
     ((linear, cubic), (by_m1, by_m2)), (drift, decay) = plant
-    (push, drag, k2), (x1, x2, v1, v2) = held, state
+    (push, drag, pair), (x1, x2, v1, v2) = held, state
     sixth, third = model[slot + slots.SIXTH], model[slot + slots.THIRD]
     middle, gradient = model[slot + slots.MIDDLE], model[slot + slots.GRADIENT]
-    on1, on2, furthest = k2 * by_m1, k2 * by_m2, x1 * x1
-    springs, length = (linear, cubic, on1, on2), 3.0 * third
-    pushed, shake = _pushed(model, sources, by_m1, push, 0.0)
-    a1, a2 = _accelerations(springs, (pushed, shake, shake + drag), x1, x2)
+    springs, length = (linear, cubic, pair[0] * by_m1, pair[0] * by_m2, pair), 3.0 * third
+    furthest, offset, way = abs(x1), x2 - x1, everywhere(0.0)
+    widest = abs(offset)
+    drive = _drive(law, model, b, by_m1, (push, drag), 0.0)
+    a1, a2 = _accelerations(law, springs, drive, x1, x2)
     v1, v2 = fma(sixth, a1, v1), fma(sixth, a2, v2)
     for n in range(int(model[slot + slots.COUNT])):
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
-        pushed, shake = _pushed(model, sources, by_m1, push, (n + 0.5) * length)
-        a1, a2 = _accelerations(springs, (pushed, shake, shake + drag), x1, x2)
+        drive = _drive(law, model, b, by_m1, (push, drag), (n + 0.5) * length)
+        a1, a2 = _accelerations(law, springs, drive, x1, x2)
         apart, slope = a2 - a1, fma(3.0 * cubic, x1 * x1, linear)
-        furthest = larger(x1 * x1, furthest)
-        v1 = fma(middle, fma(gradient, fma(on1, apart, slope * a1), a1), v1)
-        v2 = fma(middle, fma(-gradient * on2, apart, a2), v2)
+        if is_finite(law):
+            apart = apart * pair_slope(*_on(pair, x2 - x1))
+            widest, way = larger(abs(x2 - x1), widest), larger(abs(x2 - x1 - offset), way)
+            offset = x2 - x1
+        furthest = larger(abs(x1), furthest)
+        v1 = fma(middle, fma(gradient, fma(springs[2], apart, slope * a1), a1), v1)
+        v2 = fma(middle, fma(-gradient * springs[3], apart, a2), v2)
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
-        pushed, shake = _pushed(model, sources, by_m1, push, (n + 1.0) * length)
-        a1, a2 = _accelerations(springs, (pushed, shake, shake + drag), x1, x2)
-        furthest = larger(x1 * x1, furthest)
+        drive = _drive(law, model, b, by_m1, (push, drag), (n + 1.0) * length)
+        a1, a2 = _accelerations(law, springs, drive, x1, x2)
+        furthest = larger(abs(x1), furthest)
+        if is_finite(law):
+            widest, way = larger(abs(x2 - x1), widest), larger(abs(x2 - x1 - offset), way)
+            offset = x2 - x1
         v1, v2 = fma(third, a1, v1), fma(third, a2, v2)
-    return x1, x2, fma(-sixth, a1, v1), fma(-sixth, a2, v2), furthest
+    return x1, x2, fma(-sixth, a1, v1), fma(-sixth, a2, v2), furthest * furthest, (widest, way)
 
 
 @inlined_kernel
-def _pushed(model, sources, by_m1, push, time):
-    """Return the accelerations by all forces on the carriage and of the ground [m/s^2]."""
-    if sources is None:
-        return push, everywhere(0.0)
-    force, ground = excitation(model, sources, slots.SOURCES, everywhere(time))
-    return fma(by_m1, force, push), ground
+def _drive(law, model, b, by_m1, held, time):
+    """Return what pushes the carriage and shakes it, and what shakes and drags the sphere [m/s^2].
 
-
-@inlined_kernel
-def _accelerations(springs, drive, x1, x2):
-    """Return what all but dampers accelerates the masses by: (1) and (2) of docs/model.md.
-
-    The drive is what pushes the carriage and shakes it, and what shakes and drags the sphere.
+    Parameters
+    ----------
+    held
+        Accelerations by the force that is held, on the carriage and against the sphere.
+    time
+        Since the sample interval's start [s].
     """
-    (linear, cubic, on1, on2), (push, shake, back), offset = springs, drive, x2 - x1
+    push, drag = held
+    if is_excited(law):
+        force, ground = excitation(model, b, slots.SOURCES, everywhere(time))
+        return fma(by_m1, force, push), ground, ground + drag
+    return push, everywhere(0.0), drag
+
+
+@inlined_kernel
+def _accelerations(law, springs, drive, x1, x2):
+    """Return what all but dampers accelerates the masses by: (1) and (2) of docs/model.md."""
+    (linear, cubic, on1, on2, pair), (push, shake, back), offset = springs, drive, x2 - x1
+    if is_finite(law):
+        stretch, shortened = _on(pair, offset)
+        offset = pair_force(1.0, stretch, offset, shortened)
     outer = fma(fma(cubic, x1 * x1, linear), x1, push - shake)
     return fma(on1, offset, outer), fma(-on2, offset, -back)
 

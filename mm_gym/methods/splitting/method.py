@@ -1,10 +1,10 @@
-"""Extrapolated splitting, for a cubic spring at rates that a control step resolves."""
+"""Extrapolated splitting, for springs that are not linear, at rates that a step resolves."""
 
 from __future__ import annotations
 
 import math
 from fractions import Fraction
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from mm_gym.arrays import Array
 from mm_gym.excitation import sources
 from mm_gym.excitation.kinds import CORNERS
 from mm_gym.lanes import layout
+from mm_gym.lanes.simd import LANES
 from mm_gym.methods.base import Method, Option, Settings, degree
 from mm_gym.methods.splitting import kernel
 from mm_gym.methods.splitting import layout as slots
@@ -22,7 +23,9 @@ from mm_gym.methods.taylor.method import Taylor
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
+    from mm_gym.law.interface import Law
     from mm_gym.methods.support import Support
+    from mm_gym.step.control_step import Entries
 
 TIGHTEST = 1e-12
 """Smallest tolerance: the columns' round-off, some 1e-15, must not pass for their error."""
@@ -30,6 +33,9 @@ TIGHTEST = 1e-12
 TIGHT = 1e-9
 """Tolerance up to which `auto` prefers the Taylor series: the default stays what it was, with
 errors of 1e-11 over an episode where the splitting's reach the tolerance in each control step."""
+
+TIGHT_IF_LINEAR = 1e-5
+"""The same where springs of finite stretch alone are not linear, in favour of Runge-Kutta pairs."""
 
 LONGEST = 6.0
 """Longest sample interval, in radians of the fastest oscillation; in longer ones a method that
@@ -65,6 +71,11 @@ FINEST = 24  # most substeps of the first column
 # half of what is usual. Under a held force each further column takes max(r^2, q) / (2 m)^2 of the
 # term above.
 #
+# Springs of finite stretch add ERROR_OF_WAY h^2 F'''/6 (1 / m1 + 1 / m2) s^2 (f + q) / n^4 of their
+# force F and their way s, BENT_APART times as large since F''' grows along the way. They raise the
+# estimate by LEAST_RISE and the square of RISE times the way between two kicks over what is left of
+# the way to a collapse.
+#
 # Excitation is sampled at the kicks, with one substep as by Simpson's rule. That leaves of the
 # velocity SIMPSON h^5 / n^4 times its fourth derivative f, and of the position the same of
 # (h - t) f. Each further column leaves 1 / (2 m)^2 of that at most, since no excitation turns by
@@ -73,11 +84,13 @@ FINEST = 24  # most substeps of the first column
 # ERROR, ROUGH, ERROR_OF_PUSH, RAISE and LATER were chosen on 698,000 intervals of 3,774 random
 # plants (of tests/numerics/random_scenes.py, at amplitudes from a thirtieth to twice the start's,
 # speeds and forces of all sizes): each bound alone may reach MARGIN of the tolerance, and the
-# largest error was 0.82 of it. ESTIMATE is the typical size on CarriageForceDuffing: it decides on
+# largest error was 0.82 of it. BENT_APART and RISE were chosen on 3,000 more, see section 7 of
+# docs/numerics.md. ESTIMATE is the typical size on CarriageForceDuffing: it decides on
 # the cost.
 _ESTIMATE, _ERROR, _ROUGH = 1.5e-4, 1.5e-3, 1.5
 _ERROR_OF_PUSH, _ERROR_OF_WAY = 1e-2, 1.0 / 120.0
 _SIMPSON = 1.0 / 2880.0
+_BENT_APART = 4.0  # of springs of finite stretch, whose bend grows along the way
 _RAISE, _LATER = 2.0, 0.5
 _OVERHEAD = 0.7  # of a column, in substeps
 _ROUND_OFF = 2e-15  # of a column; the weights multiply it
@@ -107,9 +120,12 @@ class Splitting(Method):
         "the Taylor series"
     )
     kinds = (SMOOTH_NONLINEAR,)
-    entries = build(kernel.propagate, shorten=taylor.shorten)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
     tightest = TIGHTEST
+
+    def entries_of(self, support: Support) -> Entries:
+        """Return the kernels for a support's law of motion."""
+        return entries_with(support.law)
 
     def failing(self, support: Support, settings: Settings) -> str | None:
         """Return why not, where round-off is beyond the tolerance."""
@@ -117,19 +133,22 @@ class Splitting(Method):
             return f"its round-off is beyond solver.tolerance = {settings.tolerance:g}"
         return None
 
-    def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002
-        """Return why `auto` takes the Taylor series at tight tolerances."""
-        if settings.tolerance > TIGHT:
-            return None
-        return (
-            f"solver.tolerance is {TIGHT:g} or less, where the series costs no more in one motion "
-            "and stays far below it; over many lanes the splitting is faster"
-        )
+    def deferral(self, support: Support, settings: Settings) -> str | None:
+        """Return why `auto` takes another method at tight tolerances."""
+        if settings.tolerance <= TIGHT:
+            return (
+                f"solver.tolerance is {TIGHT:g} or less, where the series costs no more in one "
+                "motion and stays far below it; over many lanes the splitting is faster"
+            )
+        if settings.tolerance < TIGHT_IF_LINEAR and not support.is_cubic:
+            return (
+                f"solver.tolerance is below {TIGHT_IF_LINEAR:g} and the carriage's spring linear, "
+                "where the Runge-Kutta pairs cost no more"
+            )
+        return None
 
     def limit(self, support: Support) -> str | None:
         """Return why not, where a spring or excitation is of another kind, or all is too fast."""
-        if support.high[layout.L0] > 0.0:
-            return "the springs are of finite stretch"
         if support.low[layout.ALPHA] < 0.0 or support.low[layout.BETA] < 0.0:
             return "a coefficient of the carriage's spring is negative"
         if support.sampled and support.excitation[CORNERS] > 0.0:
@@ -160,7 +179,14 @@ class Splitting(Method):
             model[slots.IS_DRAWN], model[slots.DEGREE] = 1.0, degree(_decay(support) / plan.first)
         model[slots.RECIPROCALS : slots.SQUARE] = _RECIPROCALS
         square = model[slots.SQUARE] = support.sample_interval**2
-        model[slots.STEEPNESS] = square * (_sprung(support) / low[layout.M1] - linear)
+        coupled = square * (1.0 / low[layout.M1] + 1.0 / low[layout.M2])
+        model[slots.STEEPNESS] = -square * linear
+        if not high[layout.L0] > 0.0:
+            model[slots.STEEPNESS] += coupled * support.stiffest
+        else:  # lanes know their own slope
+            model[slots.COUPLED] = coupled
+            bent = _BENT_APART * _ERROR_OF_WAY / plan.first**4 / limit / low[layout.L0] ** 2
+            model[slots.BENT_APART] = coupled * bent
         model[slots.STEEPER] = -3.0 * square * cubic
         model[slots.BENT] = -_ERROR_OF_WAY * square * cubic / plan.first**4 / limit
         model[slots.RAISE] = (_RAISE / plan.first) ** 2
@@ -172,8 +198,7 @@ class Splitting(Method):
         model[slots.LATER + 2 : slots.LATER + slots.MOST] = _LATER / counts[2:] ** 2
         lengths = support.sample_interval / counts
         drifts = drifts_of(high, 0.5 * lengths)
-        reach = furthest(support, settings, plan.first)
-        model[slots.FURTHEST : slots.FURTHEST + slots.MOST] = reach
+        model[slots.LONGEST : slots.LONGEST + slots.MOST] = longest(support, settings, plan.first)
         for k, (h, drift) in enumerate(zip(lengths, drifts, strict=True)):
             middle, gradient = 2.0 * h / 3.0, h * h / 24.0
             slot = slots.COLUMN + slots.COLUMN_SIZE * k
@@ -198,6 +223,12 @@ class Splitting(Method):
 
 
 _SERIES = Taylor()
+
+
+@cache
+def entries_with(law: Law) -> Entries:
+    """Return the kernels for a law of motion."""
+    return build(kernel.propagate_with(law), shorten=taylor.shorten)
 
 
 def _drawn(support: Support) -> bool:
@@ -251,19 +282,21 @@ def fastest_frequency(support: Support) -> float:
     return math.sqrt((outer + pair) / low[layout.M1] + pair / low[layout.M2])
 
 
-def furthest(support: Support, settings: Settings, first: int) -> Array:
-    """Return the largest displacements [m], squared, at which 1, 2, ... columns may do (of.MOST,).
+def longest(support: Support, settings: Settings, first: int) -> Array:
+    """Return by what angle, squared, the springs may turn the motion if 1, 2, ... columns do.
 
-    There the bound of their error, at the rate that follows from the springs' slope and from the
-    dampers, reaches the limit. Negative if it is beyond the limit even at rest.
+    There the bound of their error, at the rate that follows from springs and dampers, reaches the
+    limit. Negative if it is beyond the limit even at rest.
+
+    Returns
+    -------
+    numpy.ndarray
+        (of.MOST,)
     """
-    low, high, limit = support.low, support.high, _limit(support, settings)
-    damping = fastest_decay(support)
-    longest = np.array([_longest(first, k + 1, limit) for k in range(slots.MOST)])
-    rates = longest / support.sample_interval - damping
-    linear = high[layout.K1] * high[layout.ALPHA]
-    slopes = low[layout.M1] * rates * abs(rates) - linear - _sprung(support)
-    return slopes / (3.0 * high[layout.K1] * high[layout.BETA])
+    limit = _limit(support, settings)
+    decay = fastest_decay(support) * support.sample_interval
+    turns = [_longest(first, k + 1, limit) - decay for k in range(slots.MOST)]
+    return np.array([turn * abs(turn) for turn in turns])
 
 
 def _longest(first: int, columns: int, limit: float) -> float:
@@ -275,29 +308,37 @@ def _longest(first: int, columns: int, limit: float) -> float:
     return (limit / _ESTIMATE * scale**2) ** (0.5 / columns)
 
 
-def _sprung(support: Support) -> float:
-    """Return what the springs between the masses add to the carriage's stiffness, at most [N/m]."""
-    return support.stiffest * float(1.0 + support.high[layout.M1] / support.low[layout.M2])
-
-
 def plan_of(support: Support, settings: Settings) -> Plan | None:
     """Return the cheapest plan for the fastest oscillation; None if each misses the tolerance."""
     phase = fastest_frequency(support) * support.sample_interval
-    return _plan(phase, _limit(support, settings))
+    return _plan(phase, _pushed(support), _limit(support, settings))
+
+
+def _pushed(support: Support) -> float:
+    """Return the shift h^2 F / m1 by the largest held force, over an amplitude of episodes' starts.
+
+    In a vector of lanes one is about as small as that.
+    """
+    rows, force = [layout.X1, layout.X2], float(support.high[layout.FORCE])
+    starts = np.abs([support.start_low[rows], support.start_high[rows]]).max() / LANES
+    amplitude = float(starts) or force / (support.outer_stiffness or 1.0) or 1.0
+    return force / float(support.low[layout.M1]) * support.sample_interval**2 / amplitude
 
 
 @lru_cache(maxsize=1024)
-def _plan(phase: float, limit: float) -> Plan | None:
+def _plan(phase: float, push: float, limit: float) -> Plan | None:
     best: tuple[float, Plan | None] = (math.inf, None)
     for first in range(1, FINEST + 1):
         if first > best[0]:
             break  # more substeps only cost more
-        if phase <= min(_longest(first, 1, limit), 2.0 * first):
+        pushed = _ERROR_OF_PUSH * phase**2 * max(push, push**2) / float(first) ** 4
+        if phase <= min(_longest(first, 1, limit), 2.0 * first) and pushed <= limit:
             best = min(best, (float(first), Plan(first, 1)), key=lambda one: one[0])
         estimate = _ESTIMATE * phase**2
         for columns in range(2, slots.MOST):
             estimate *= (phase / (2.0 * (first + columns - 1))) ** 2
-            if estimate <= limit and phase <= first:
+            pushed *= max(phase**2, push) / (2.0 * (first + columns - 1)) ** 2
+            if max(estimate, pushed) <= limit and phase <= first:
                 plan = Plan(first, columns)
                 cost = sum(plan.counts) + _OVERHEAD * (columns + 2)
                 if cost < best[0] and _can_extrapolate(first, columns, limit):
