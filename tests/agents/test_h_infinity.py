@@ -169,13 +169,17 @@ def test_a_sphere_that_nothing_couples_to_the_carriage_is_left_out():
     assert evaluate(scene, HInfinity(scene), episodes=20).cost < 0.2 * still
 
 
-def test_other_weights_lower_the_cost_also_where_the_force_costs_nothing():
+def test_other_weights_lower_the_cost():
     pytest.importorskip("slycot")
     frame = load_scene(CONFIGS / "structures" / "frame.toml").replace(**{"control.steps": 125})
     found, stated = (
         validation_cost(frame, one(frame)) for one in (best_detuned_h_infinity, HInfinity)
     )
     assert found < 0.65 * stated  # 0.56
+
+
+def test_weights_are_found_also_where_the_force_costs_nothing():
+    pytest.importorskip("slycot")
     free = CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0, "control.steps": 100})
     still = validation_cost(free, Feedback(free, no_control(free)))
     assert "h-infinity" not in laws(free)

@@ -28,11 +28,14 @@ RECORDED, RESULTS = read_published(), read_results()
 
 
 def few(rows):
-    """A row of every task, of the algorithm that the fewest of the others are of."""
+    """A row of every task, of the algorithm that the fewest of the others are of.
+
+    Controllers that a network is around may be searched first, which takes long.
+    """
     counts, found = Counter(), []
-    for task in dict.fromkeys(row.task for row in rows):
+    for task in sorted({row.task for row in rows}):
         own = [row for row in rows if row.task == task]
-        found.append(min(own, key=lambda row: counts[row.algorithm]))
+        found.append(min(own, key=lambda row: (counts[row.algorithm], row.base is not None)))
         counts[found[-1].algorithm] += 1
     return found
 
