@@ -294,7 +294,6 @@ def test_intervals_longer_than_the_scenes_are_left_to_the_series():
 @pytest.mark.parametrize(
     ("parts", "tolerance", "name"),
     [
-        (("cubic", "viscous", "finite"), 1e-3, "splitting"),
         (("linear", "viscous", "finite"), 1e-6, "runge_kutta"),
         (("cubic", "viscous", "finite"), 1e-9, "runge_kutta"),
         (("cubic", "viscous", "free"), 1e-9, "taylor"),
