@@ -12,7 +12,7 @@ from tyro import cli
 from agents.network.files import PolicyError
 from agents.training.config import settings_from_command_line
 from agents.training.runs import INTERRUPTED, RunError
-from mm_gym import ActionError, CompileError, DesignError, SceneError, SimulationError
+from mm_gym.errors import ERRORS
 from mm_gym.scene import Document
 
 Outcome: TypeAlias = str | int | None  # how a command ends: with an error's text, a status, or well
@@ -22,11 +22,7 @@ class DatasetError(RuntimeError):
     """A dataset cannot be written."""
 
 
-ERRORS = (
-    *(ActionError, CompileError, DatasetError, DependencyNotInstalled, DesignError, PolicyError),
-    *(RunError, SceneError, SimulationError),
-    *(ConnectionError, OSError),  # no cluster, a full disk
-)
+EVERY = (*ERRORS, DatasetError, DependencyNotInstalled, PolicyError, RunError)
 
 FAILED = 2  # exit status after an error, that of a wrong flag and of `mm_gym` too
 
@@ -42,7 +38,7 @@ def command(main: Callable[..., Outcome]) -> Callable[[], Outcome]:
     def ended() -> Outcome:
         try:
             return _called(main)
-        except ERRORS as error:
+        except EVERY as error:
             return f"error: {error}"
         except KeyboardInterrupt as interrupt:
             told = interrupt.args  # how far it came, and what to do

@@ -15,15 +15,7 @@ from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
 
-from mm_gym.errors import (
-    ActionError,
-    CompileError,
-    DesignError,
-    SceneError,
-    SimulationError,
-    check_name,
-    refuse,
-)
+from mm_gym.errors import ERRORS, CompileError, DesignError, SceneError, check_name, refuse
 from mm_gym.files import check_outputs
 from mm_gym.plant.compile import compile_findings, compile_scene
 from mm_gym.plant.rigs import over_rigs
@@ -49,17 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if "scene" in options:
             options.scene = _named(options.scene)
         options.run(options)
-    except (
-        SceneError,
-        CompileError,
-        ActionError,
-        DesignError,
-        SimulationError,
-        DependencyNotInstalled,
-        OSError,
-        MemoryError,
-        UnicodeEncodeError,  # of a name that the output's encoding has no letters for
-    ) as error:
+    except (*ERRORS, DependencyNotInstalled) as error:
         print(f"error: {error}", file=sys.stderr)
         return FAILED
     return 0

@@ -42,6 +42,14 @@ class SimulationError(RuntimeError):
     """A simulation cannot be completed; the message says where and why."""
 
 
+ERRORS = (
+    *(ActionError, CompileError, DesignError, SceneError, SimulationError),
+    *(OSError, MemoryError),
+    UnicodeEncodeError,  # of a name that the output's encoding has no letters for
+)
+"""What a command tells in one message, next to what a missing package raises."""
+
+
 def refuse(field: str, got: str, allowed: str, error: type[Exception] = SceneError) -> NoReturn:
     """Raise an error that says what a field has, and what it may have."""
     msg = f"{field}: got {got}; allowed: {allowed}"

@@ -4,6 +4,7 @@ Each row is a command as a user types it. What goes wrong in the middle of a tra
 test_bad_conditions.py, kills are in test_runs.py.
 """
 
+import io
 import json
 import os
 import re
@@ -292,6 +293,21 @@ def test_disk_that_is_too_full_for_a_study_is_named_in_one_line(monkeypatch):
     assert first.startswith("error: study.db: (sqlite3.OperationalError)")
     assert second == "the same command continues when this is mended"
     assert call(monkeypatch, COMMANDS["tune"]) is None
+
+
+def test_name_that_the_output_cannot_show_is_one_message(monkeypatch):
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BytesIO(), encoding="ascii"))
+    status = call(monkeypatch, ["export", "p.safetensors", "--out", "größe.c"])
+    assert status.startswith("error: 'ascii' codec can't encode")
+
+
+def test_want_of_memory_is_one_message(monkeypatch):
+    def starved(*_, **__):
+        msg = "Unable to allocate 46.9 PiB"  # as NumPy says it
+        raise MemoryError(msg)
+
+    monkeypatch.setattr("agents.commands.evaluate.evaluate", starved)
+    assert call(monkeypatch, COMMANDS["evaluate"]) == "error: Unable to allocate 46.9 PiB"
 
 
 INTERRUPTED = {
