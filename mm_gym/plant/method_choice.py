@@ -13,7 +13,6 @@ from mm_gym.methods import Method
 from mm_gym.methods.support import MASSLESS, Support
 from mm_gym.scene.scene import Solver
 
-REMEDY = "shorten control.time_step, or loosen solver.tolerance"
 FIXED = "every parameter has one value"
 
 
@@ -33,7 +32,7 @@ def choose(solver: Solver, support: Support) -> tuple[Method, tuple[str, ...]]:
     applicable = [method for method, obstacle in obstacles.items() if obstacle is None]
     if not applicable:
         whys = [f"{m.title}: {why}" for m, why in obstacles.items() if support.kind in m.kinds]
-        msg = f"solver.method: none propagates this scene ({'; '.join(whys)}); {REMEDY}"
+        msg = f"solver.method: none propagates this scene ({'; '.join(whys)})"
         raise CompileError(msg)
     chosen = chosen or applicable[-1]  # all defer: the last does not
     reasons = _reasons(support, skipped | {m: why for m, why in obstacles.items() if why}, chosen)

@@ -510,7 +510,9 @@ def _agree(motion: Trajectory, want: Trajectory) -> None:
     ("changes", "message"),
     [
         ({"solver": {"method": "taylor"}}, "'taylor' does not apply"),
-        ({"solver": {"tolerance": 1e-13}}, "tolerance is below 1e-12"),
+        ({"solver": {"tolerance": 1e-13}}, r"tolerance is below 1e-12\)$"),
+        ({"carriage": {"cubic_coefficient": -5.0}}, r"cubic_coefficient is negative\)$"),
+        ({"control": {"time_step": 100.0}}, "the forces; shorten control.time_step, or loosen"),
         ({"carriage": {"mass": 0.0}}, "carriage.mass: 0"),
         ({"excitation": [FAST[0] | {"frequency": 1e300}]}, "divides control.time_step = "),
     ],

@@ -122,9 +122,11 @@ class RungeKutta(Method):
 
     def failing(self, support: Support, settings: Settings) -> str | None:
         """Return why not, where it takes too many steps."""
-        if plan_of(support, settings) is None:
-            return f"it takes more than {_most(alone=support.is_general)} evaluations of the forces"
-        return None
+        if plan_of(support, settings) is not None:
+            return None
+        alone = support.is_general
+        remedy = "; shorten control.time_step, or loosen solver.tolerance" if alone else ""
+        return f"it takes more than {_most(alone=alone)} evaluations of the forces{remedy}"
 
     def limit(self, support: Support) -> str | None:
         """Return why not, where a carriage can escape or the excitation is fast or manifold."""
