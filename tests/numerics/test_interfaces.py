@@ -16,6 +16,7 @@ from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.lanes.layout import ENDED
 from mm_gym.law import INTERFACES
 from mm_gym.law.interface import Interface
+from mm_gym.methods import RungeKutta
 from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
@@ -325,6 +326,16 @@ def test_energy_balances_and_is_only_lost_in_the_interface(interface: dict[str, 
         # The motion's own 1e-12 a step, and the quadrature's, are of the throughput.
         assert np.abs(grown - work.total).max() <= 1e-10 * work.throughput[-1]
         assert np.diff(work.dissipated).min() >= -1e-12 * work.throughput[-1]
+
+
+def test_work_makes_constants_once_for_all_instants(monkeypatch: pytest.MonkeyPatch) -> None:
+    motion = simulate(scene_of(BOUC_WEN), times=[0.001, 0.003, 0.011])
+    constants, made = RungeKutta.constants, list[Any]()
+    monkeypatch.setattr(
+        RungeKutta, "constants", lambda *given: made.append(given) or constants(*given)
+    )
+    assert motion.work.dissipated[-1] > 0.0
+    assert len(made) == 1
 
 
 def test_hysteresis_dissipates_the_area_of_its_loop() -> None:

@@ -56,7 +56,7 @@ def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -
 
     What the interface stores is not dissipated.
     """
-    plant, states = _tight(recording.plant, duration), start[0]
+    plant, states = _tight(recording.plant), start[0]
     lanes = lanes_at(recording, start)
     panels = max(FEWEST, math.ceil(fastest_rate(plant.support) * duration / LONGEST))
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
@@ -75,12 +75,12 @@ def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -
 
 
 @lru_cache(maxsize=64)
-def _tight(plant: Plant, duration: float) -> Plant:
+def _tight(plant: Plant) -> Plant:
     """Return the plant with the tightest tolerance, its own at most, that its method can plan."""
-    support, own = plant.at_interval(duration).support, plant.settings
-    found = plant.method.planned(support, own._replace(tolerance=TOLERANCE))
+    own, interval = plant.settings, plant.support.sample_interval
+    found = plant.method.planned(plant.support, own._replace(tolerance=TOLERANCE))
     is_tighter = found is not None and found.tolerance < own.tolerance
-    return replace(plant, settings=found) if is_tighter else plant
+    return (replace(plant, settings=found) if is_tighter else plant).at_interval(interval)
 
 
 def _at(plant: Plant, lanes: Array, part: float, duration: float) -> tuple[Array, Array, Array]:
@@ -96,8 +96,10 @@ def _at(plant: Plant, lanes: Array, part: float, duration: float) -> tuple[Array
         exciting = shake if ground else push
         turned = sine * np.cos(turn) + cosine * np.sin(turn)
         exciting += lanes[row + layout.AMPLITUDE] * turned
-    shorter = plant.at_interval(part * duration)
-    status = plant.entries.propagate(shorter.model, moved, 0, moved.shape[1])
+    # The constants of a whole interval: to make those of each would take longer than the motion.
+    model = plant.model.copy()
+    model[layout.SAMPLE_INTERVAL] = part * duration
+    status = plant.entries.propagate(model, moved, 0, moved.shape[1])
     if status > layout.ENDED:
         msg = f"work: {layout.MESSAGES[status]}"
         raise SimulationError(msg)
