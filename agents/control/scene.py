@@ -1,6 +1,6 @@
 """What a controller knows of its scene: the plant, the middle of ranges, what must be there."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from math import inf
 
 import numpy as np
@@ -127,10 +127,11 @@ def require_number(name: str, value: float, low: float = 0.0, high: float = inf)
         refuse(name, f"{value!r}", f"a finite number of at least {low:g}{end}", DesignError)
 
 
-def force_weight(scene: Scene) -> float:
+def force_weight(scene: Scene, held: Iterable[str] = ()) -> float:
     """Return the cost of the force [1/N^2].
 
-    Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing.
+    Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing, or if
+    next to it is a damping or voltage whose dotted name is not among those that are held.
     """
     actuator, weight = scene.actuation.force, scene.objective.effort_weight
     if actuator is None:
@@ -140,7 +141,7 @@ def force_weight(scene: Scene) -> float:
             "multiplies the state)"
         )
         raise DesignError(msg)
-    if scene.actuation.device is not None:
+    if scene.actuation.damped not in (None, *held):
         msg = (
             f"actuation.{scene.actuation.names[-1]}: a regulator commands only the force; a "
             "damping multiplies the state, so it is no input of the linear plant"

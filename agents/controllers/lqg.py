@@ -81,10 +81,7 @@ class LQGDesign(KalmanFilter):
 
 
 def design_lqg(
-    scene: Scene,
-    *,
-    stretch: float | None = None,
-    unmodelled: float = UNMODELLED,
+    scene: Scene, *, at: dict[str, float] | None = None, unmodelled: float = UNMODELLED
 ) -> LQGDesign:
     """Solve both Riccati equations for a scene's reward, sensors and random excitation.
 
@@ -96,15 +93,14 @@ def design_lqg(
 
     Parameters
     ----------
-    stretch
-        That of tuned springs, which is held.
+    at
+        What the other actuators hold, by the dotted names of `Plant.state_space`.
     unmodelled
         As of `design_filter`.
     """
-    force_weight(scene)
+    force_weight(scene, at or ())
     require_number("unmodelled", unmodelled)
     plant = plant_of(scene)
-    at = None if stretch is None else {"initial.stretch": stretch}
     system = excited_system(scene, ["force"], at)
     law = regulator(plant, scene, at, system)
     own = design_filter(scene, system, unmodelled, law.gain != 0.0, scene.control.steps)
@@ -168,7 +164,7 @@ def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Arra
     weight = np.zeros((len(every) + 1, len(every) + 1))
     motion = [every.index(name) for name in STATES]
     weight[np.ix_(motion, motion)] = motion_weight(scene)
-    weight[-1, -1] = force_weight(scene)
+    weight[-1, -1] = force_weight(scene, at or ())
     reactions = reaction_weights(scene)
     names = [name for name, squared in zip(REACTIONS, reactions, strict=True) if squared > 0.0]
     if names:

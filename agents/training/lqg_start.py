@@ -85,30 +85,33 @@ def _designer(shown: Shown) -> Callable[[float, float], Start]:
 
     What the actuators but the force do next to it is the best constant.
     """
-    scene, stretch = shown.scene, shown.scene.actuation.stretch
-    if scene.actuation.force is None:
+    scene, actuation = shown.scene, shown.scene.actuation
+    if actuation.force is None:
         msg = "law: 'lqg' commands only a force; actuation.force is missing"
         raise DesignError(msg)
-    if stretch is not None and (not shown.filtered or stretch.command == "rate"):
-        msg = "law: 'lqg' commands only a force; remove actuation.stretch"
-        raise DesignError(msg)
-    held = no_control(shown) if stretch is None else best_constant(shown)
+    for name in actuation.names[1:]:
+        if not shown.filtered or getattr(actuation, name).command == "rate":
+            msg = f"law: 'lqg' commands only a force; remove actuation.{name}"
+            raise DesignError(msg)
+    held = best_constant(shown) if actuation.names[1:] else no_control(shown)
     return partial(_lqg, shown, held, weighed(scene))
 
 
 def _lqg(shown: Shown, held: Start, scene: Scene, caution: float, unmodelled: float) -> Start:
-    """Return an LQG at the stretch that is held, whose estimate is the linear memory.
+    """Return an LQG at the stretch or damping that is held, whose estimate is the linear memory.
 
     The estimate x is corrected by the observation y, and the regulator's own force is known:
     x = (1 - F C) (A x + B u) + F y, with the force u that was clipped.
     """
-    stretch, limit = None, Command(scene, "force").high
-    if scene.actuation.stretch is not None:
-        command = Command(scene, "stretch")
-        stretch = command.low + 0.5 * (1.0 + held.direct[-1, 0]) * (command.high - command.low)
+    at, limit = {}, Command(scene, "force").high
+    for name, action in zip(scene.actuation.names[1:], held.direct[1:, 0], strict=True):
+        command = Command(scene, name)
+        value = command.low + 0.5 * (1.0 + action) * (command.high - command.low)
+        field = "initial.stretch" if name == "stretch" else str(scene.actuation.damped)
+        at[field] = min(value, command.high)  # beyond which it may be rounded
     weight = caution * scene.objective.effort_weight
     cautious = scene.replace(**{"objective.effort_weight": weight})
-    design = design_lqg(cautious, stretch=stretch, unmodelled=unmodelled)
+    design = design_lqg(cautious, at=at, unmodelled=unmodelled)
     units = state_units(scene, plant_of(scene), design.system)
     corrected, keep, enter = shown.memory_of(design.system, design.filters[-1], units)
     back = np.zeros((len(keep), shown.actions))

@@ -140,17 +140,17 @@ def _law(shown: Shown, law: LawName) -> Start:
         return no_control(shown)
     if law == "constant":
         return best_constant(shown)
+    if law == "lqg":
+        return lqg_start(shown)
     if actuation.device is not None:
         if law == "switching" and actuation.names in DAMPERS:
             return _clipped_optimal(shown)
         device = device_of(shown.scene)
         msg = (
-            f"law: got {law!r}; allowed where actuation.{device} is: 'none', and where "
-            f"actuation.{device} is alone 'switching'"
+            f"law: got {law!r}; allowed where actuation.{device} is: 'none', 'constant', 'lqg' "
+            "with a force, and 'switching' without other actuators"
         )
         raise DesignError(msg)
-    if law == "lqg":
-        return lqg_start(shown)
     if law != "regulator" and actuation.stretch is None:
         msg = f"law: {law!r} tunes springs; actuation.stretch is missing"
         raise DesignError(msg)

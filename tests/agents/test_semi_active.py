@@ -367,6 +367,26 @@ def test_network_begins_as_clipped_optimal_control():
         start_of(shown, EvolveSettings(law="regulator"), np.random.default_rng(0))
 
 
+@pytest.mark.parametrize("of", OF)
+def test_network_begins_as_the_lqg_at_the_best_constant_damping(of):
+    def start(scene, law):
+        settings = EvolveSettings(scene="mine.toml", law=law)
+        return start_of(scene, settings, np.random.default_rng(0))
+
+    changes = {"actuation.force.limit": 1.0, "objective.effort_weight": 0.01, "control.steps": 40}
+    scene = scene_of(of, **changes)
+    found, constant = start(scene, "auto"), start(scene, "constant")
+    assert found.law == "lqg"
+    assert found.cost(scene) < 0.8 * constant.cost(scene)
+    assert found.direct[1, 0] == constant.direct[1, 0]
+    # It is the LQG of a plant that has this damping.
+    damping = float(np.interp(found.direct[1, 0], [-1.0, 1.0], [LOW, HIGH]))
+    plain = scene.replace(**{"actuation.damping": None, f"{of}.damping": damping})
+    alone = start(plain, "lqg")
+    np.testing.assert_allclose(found.keep, alone.keep, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.direct[:1], alone.direct, rtol=1e-9, atol=1e-12)
+
+
 def test_plans_begin_at_the_laws_and_are_not_worse_in_any_episode():
     scene = scene_of(**{"control.steps": 60})
     found = [evaluate(scene, Feedback(scene, law), episodes=4) for law in every_law(scene)]
