@@ -40,6 +40,10 @@ support."""
 
 HALVINGS = 44  # of the logarithm of that range: to 1e-11
 
+HEAVIEST = 0.5 * (sqrt(5.0) - 1.0)
+"""Mass ratio up to which the fixed point is the highest: beyond, the peak at which a sphere without
+springs begins to slip, 1 + 2 (1 + mu) / (mu sqrt(2 + mu)), is above (2 + mu) / mu."""
+
 
 class Friction(NamedTuple):
     """Dry friction (4) of docs/model.md: slope in stick [N s/m], kinetic force [N], v_r, chi."""
@@ -64,14 +68,19 @@ def lanchester_friction(mass_ratio: float) -> float:
     The result holds for the first harmonic, on a carriage without damping, with negligible creep
     and static friction. The curves of all dampings pass through the fixed point of the viscous
     damper. The least peak is therefore the same, (2 + mu) / mu. Friction whose equivalent damping
-    there is optimal attains it.
+    there is optimal attains it, up to a mass ratio of (sqrt(5) - 1) / 2: with a heavier sphere the
+    amplitude at which it begins to slip is larger.
 
     Raises
     ------
     DesignError
-        If the mass ratio is not greater than 0.
+        If the mass ratio is not greater than 0, or greater than (sqrt(5) - 1) / 2 = 0.618.
     """
-    return 0.5 * pi / sqrt(2.0 + positive_number("mass_ratio", mass_ratio, DesignError))
+    mu = positive_number("mass_ratio", mass_ratio, DesignError)
+    if mu > HEAVIEST:
+        allowed = f"at most {HEAVIEST:.6f}; use friction_absorber for a heavier sphere"
+        refuse("mass_ratio", f"{mass_ratio!r}", allowed, DesignError)
+    return 0.5 * pi / sqrt(2.0 + mu)
 
 
 def equivalent_damping(friction: Friction, speed: Array) -> Array:

@@ -53,10 +53,33 @@ def test_friction_takes_the_energy_of_its_equivalent_damping():
             assert found == pytest.approx(2.0 * np.mean(force * w) / speed**2, rel=1e-4)
 
 
-@pytest.mark.parametrize("ratio", [-1.0, 0.0, np.nan, np.inf])
+@pytest.mark.parametrize("ratio", [-1.0, 0.0, np.nan, np.inf, 0.62, 2.0])
 def test_lanchesters_friction_needs_a_mass_ratio(ratio):
     with pytest.raises(DesignError, match=r"^mass_ratio: got .*; allowed: "):
         lanchester_friction(ratio)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.61, 0.64, 1.0])
+def test_lanchesters_friction_is_best_up_to_the_golden_ratio(ratio):
+    # The first harmonic in closed form: friction of amplitude R, in phase with the slip velocity,
+    # on a carriage of mass and stiffness 1. Where sticking takes less, the sphere sticks.
+    w2 = np.geomspace(0.05, 5.0, 40_001)
+    h = (1.0 - w2) / (ratio * w2)
+
+    def peak(force):
+        r = 4.0 / np.pi * force
+        slip = np.sqrt(np.maximum(1.0 + r * r * (2.0 * h - 1.0), 0.0)) / np.abs(1.0 - w2)
+        stick = 1.0 / np.abs(1.0 - (1.0 + ratio) * w2)
+        return np.where(r * np.abs(1.0 - h) <= 1.0, slip, stick).max()
+
+    force = 0.5 * np.pi / np.sqrt(2.0 + ratio)
+    is_best = peak(force) == pytest.approx((2.0 + ratio) / ratio, rel=1e-4)
+    assert is_best == (min(map(peak, force * np.linspace(0.8, 0.99, 20))) > 0.9999 * peak(force))
+    if is_best:
+        assert lanchester_friction(ratio) == pytest.approx(force)
+    else:
+        with pytest.raises(DesignError, match="mass_ratio"):
+            lanchester_friction(ratio)
 
 
 @pytest.mark.parametrize("ratio", [0.03, 0.1, 0.5])
