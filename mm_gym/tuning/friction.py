@@ -181,7 +181,11 @@ def _states(scene: Scene, period: float, count: int) -> Array:
 BAND = np.sort(np.concatenate([np.geomspace(0.2, 5.0, 300), np.geomspace(0.8, 1.25, 500)]))
 """Frequencies over w1 at which the first harmonic is looked at."""
 
-COARSE = BAND[::4]  # those at which it is looked at where the search begins
+BELOW, HEAVY = 200, 0.7
+"""Number of frequencies below the band where a sphere is heavy, and the least of them over the one
+at which a sphere without springs begins to slip, w1 / sqrt(1 + 2 mu) with the least friction."""
+
+COARSER = 4  # step through the band where the search begins
 
 FORCES = np.geomspace(0.02, 5.0, 24)
 """Friction forces over that on the carriage from which the search begins, for each stiffness."""
@@ -204,6 +208,13 @@ SIMPLEX, CLOSE = 0.05, 1e-3
 """Sizes of the first and last simplex of the search on the simulated motion, of logarithms."""
 
 
+def band_of(mass_ratio: float) -> Array:
+    """Return the frequencies over w1 at which the first harmonic of a rig is looked at."""
+    least = HEAVY / sqrt(1.0 + 2.0 * mass_ratio)
+    below = np.geomspace(least, BAND[0], BELOW, endpoint=False)
+    return np.concatenate([below, BAND]) if least < BAND[0] else BAND
+
+
 NONE = 1e-300  # stiffness [N/m] that stands for no springs where its logarithm is taken
 
 
@@ -218,6 +229,10 @@ class FrictionProblem:
         assert isinstance(interface, DryFriction)  # noqa: S101 - checked by the caller
         self.interface = interface
         self.w1 = float(np.sqrt(self.values.k1 / self.values.m1))
+        ratio = self.values.m2 / self.values.m1
+        self.looked_at = self.w1 * band_of(ratio)  # [rad/s]
+        # Where friction hardly bounds it, the first harmonic does not tell how high it is at w1.
+        self.always = [self.w1] if ratio > HEAVIEST else []
         force = amplitude * (1.0 if excitation == "force" else self.values.m1)
         self.unit = force / interface.kinetic_coefficient  # [N] of normal force
 
@@ -234,7 +249,7 @@ class FrictionProblem:
         """
         stiffnesses = [self.values.k2] if limits is None else np.geomspace(*limits, STIFFNESSES)
         pairs = [np.log([self.unit * f, k2]) for f in FORCES for k2 in _positive(stiffnesses)]
-        start = min(pairs, key=lambda pair: self._rough(pair, COARSE))
+        start = min(pairs, key=lambda pair: self._rough(pair, COARSER))
         return self._minimum(self._rough, start, limits, 0.2)
 
     def improved(self, start: Pair, limits: Pair | None) -> Pair:
@@ -243,8 +258,8 @@ class FrictionProblem:
 
     def band(self, normal: float, k2: float) -> Array:
         """Return the frequencies [rad/s] of a curve with all high peaks of a design."""
-        sizes = self._first_harmonic(normal, k2, BAND * self.w1)
-        high = self.w1 * BAND[sizes >= SHOWN * sizes.max()]
+        sizes = self._first_harmonic(normal, k2, self.looked_at)
+        high = self.looked_at[sizes >= SHOWN * sizes.max()]
         return np.linspace(high[0], high[-1], SWEPT)
 
     def design(self, normal: float, k2: float, frequencies: Array) -> FrictionDesign:
@@ -269,10 +284,10 @@ class FrictionProblem:
         pairs = zip(frequencies, starts, strict=True)
         return np.array([steady_amplitude(scene, self.channel, w, start) for w, start in pairs])
 
-    def _rough(self, unknowns: Array, band: Array = BAND) -> float:
+    def _rough(self, unknowns: Array, step: int = 1) -> float:
         """Return the logarithm of the highest peak of the first harmonic."""
         normal, k2 = _pair(unknowns)
-        return float(np.log(self._first_harmonic(normal, k2, band * self.w1).max()))
+        return float(np.log(self._first_harmonic(normal, k2, self.looked_at[::step]).max()))
 
     def _simulated(self, unknowns: Array) -> float:
         """Return the logarithm of the highest peak, near those of the first harmonic."""
@@ -281,10 +296,10 @@ class FrictionProblem:
 
     def _highest(self, normal: float, k2: float, others: Sequence[float]) -> Pair:
         """Return frequency and height of the highest peak, near the first harmonic's and others."""
-        sizes = self._first_harmonic(normal, k2, BAND * self.w1)
+        sizes = self._first_harmonic(normal, k2, self.looked_at)
         inner = sizes[1:-1]
         is_peak = (inner >= sizes[:-2]) & (inner >= sizes[2:]) & (inner >= HIGH * sizes.max())
-        near = [*others, *(self.w1 * BAND[1:-1][is_peak])]
+        near = [*others, *self.always, *self.looked_at[1:-1][is_peak]]
         return max((self._peak(normal, k2, w) for w in near), key=lambda peak: peak[1])
 
     def _peak(self, normal: float, k2: float, frequency: float) -> Pair:

@@ -94,6 +94,25 @@ def test_first_harmonic_without_springs_has_lanchesters_peak(ratio):
     assert peak * 1e4 == pytest.approx((2.0 + ratio) / ratio, rel=2e-3)
 
 
+@pytest.mark.parametrize("ratio", [10.0, 50.0])
+def test_first_harmonic_of_a_heavy_sphere_has_the_peak_at_which_it_begins_to_slip(ratio):
+    scene = rig(ratio).replace(interface=FRICTION, springs={"kind": "none"})
+    own = problem(scene.replace(**{"interface.reference_velocity": 1e-6}))
+    normal, k2 = own.first(None)
+    # Less than pi / 4 of the force bounds no motion at w1; more has a higher peak.
+    assert normal * MU2 == pytest.approx(0.25 * np.pi, rel=0.01)
+    peak = own._first_harmonic(normal, k2, own.looked_at).max()
+    assert peak * 1e4 == pytest.approx(2.0 + 1.0 / ratio, rel=0.02)
+
+
+def test_peak_that_the_first_harmonic_does_not_tell_is_seen():
+    scene = rig(10.0).replace(interface=FRICTION, springs={"kind": "none"})
+    frequency, peak = problem(scene)._highest(0.788 / MU2, 0.0, ())
+    # SciPy's LSODA in 200 periods from rest: 3.655e-4 at 98.5 rad/s; the first harmonic has 1.9e-4.
+    assert peak > 3.6e-4
+    assert frequency == pytest.approx(100.0, rel=0.03)
+
+
 def test_peaks_are_those_of_another_integration():
     # Steps of a 1200th of a period, from rest; they differ most where the sphere begins to slip.
     k = len(GOLDEN["springs"]["friction"]) // 2
