@@ -179,7 +179,7 @@ def test_network_begins_as_clipped_optimal_control():
     blind = scene.replace(**{"sensors.channels": ["carriage_displacement"]})
     with pytest.raises(DesignError, match="switching needs the velocity of the damper's ends"):
         start_of(blind, EvolveSettings(law="switching"), np.random.default_rng(0))
-    with pytest.raises(DesignError, match=r"actuation.voltage is alone 'switching'"):
+    with pytest.raises(DesignError, match=r"actuation.voltage is: 'none', 'constant', 'lqg'"):
         start_of(scene, EvolveSettings(law="regulator"), np.random.default_rng(0))
 
 
