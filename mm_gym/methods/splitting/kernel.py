@@ -89,6 +89,8 @@ def _advance(model, lanes, b, columns, first, last):
         The first of LANES lanes for one of which they do not do, their columns in b; or of what is
         left.
     """
+    if columns == 1:
+        return _advance_by_one(model, lanes, b, first, last)
     prefer_widest_vectors()
     stay_apart()
     slot = slots.WEIGHTS + slots.WEIGHTS_SIZE * columns
@@ -100,14 +102,29 @@ def _advance(model, lanes, b, columns, first, last):
             b[4 * k], b[4 * k + 1], b[4 * k + 2], b[4 * k + 3] = c1, c2, c3, c4
         y1, y2, w1, w2 = _weighed(model, slot, b, columns - 1)
         turn, size = _turn(model, reached), _largest(x1, x2, y1, y2)
-        if columns > 1:
-            raised, speed = model[slots.RAISE] * turn, _largest(v1, v2, w1, w2)
-            near = _is_within(model, slot, b, columns - 1, turn, size, speed, raised)
-        else:
-            near = model[slots.BENT] * _bent(model, push, size, abs(y1 - x1)) <= size
+        raised, speed = model[slots.RAISE] * turn, _largest(v1, v2, w1, w2)
+        near = _is_within(model, slot, b, columns - 1, turn, size, speed, raised)
         near = near & (turn <= model[slots.LONGEST + columns - 1])
         near = near & _is_little_pushed(model, columns - 1, push, turn, size)
         if not all_hold(near):
+            return i
+        write_states(lanes, i, y1, y2, w1, w2)
+    return last - (last - first) % LANES
+
+
+@borrowing_kernel
+def _advance_by_one(model, lanes, b, first, last):
+    """Advance lanes by one column, while it does; return as `_advance`."""
+    prefer_widest_vectors()
+    stay_apart()
+    for i in range(first, last - LANES + 1, LANES):
+        push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, LANES)
+        y1, y2, w1, w2, reached = _column(model, b, 0, push, x1, x2, v1, v2)
+        turn, size = _turn(model, reached), _largest(x1, x2, y1, y2)
+        near = (turn <= model[slots.LONGEST]) & _is_little_pushed(model, 0, push, turn, size)
+        near = near & (model[slots.BENT] * _bent(model, push, size, abs(y1 - x1)) <= size)
+        if not all_hold(near):
+            b[0], b[1], b[2], b[3] = y1, y2, w1, w2
             return i
         write_states(lanes, i, y1, y2, w1, w2)
     return last - (last - first) % LANES
