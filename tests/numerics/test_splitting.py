@@ -171,6 +171,13 @@ def test_lane_that_misses_the_tolerance_is_redone_by_the_series(name: str) -> No
     assert not np.array_equal(ends[0][:, 4], ends[1][:, 4])
 
 
+def test_plan_does_not_know_how_many_lanes_a_vector_holds() -> None:
+    assert not hasattr(method, "LANES")
+    scene = LINEAR.replace(**{"solver.tolerance": 1e-4, "control.time_step": 5e-3})
+    plant = compile_scene(scene)
+    assert method.plan_of(plant.support, plant.settings) == Plan(3, 1)
+
+
 def test_weights_extrapolate_an_error_in_even_powers() -> None:
     for first in (1, 2, 7):
         for columns in range(1, slots.MOST + 1):

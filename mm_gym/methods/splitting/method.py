@@ -13,7 +13,6 @@ from mm_gym.arrays import Array
 from mm_gym.excitation import sources
 from mm_gym.excitation.kinds import CORNERS
 from mm_gym.lanes import layout
-from mm_gym.lanes.simd import LANES
 from mm_gym.methods.base import Method, Option, Settings, degree
 from mm_gym.methods.splitting import kernel
 from mm_gym.methods.splitting import layout as slots
@@ -46,6 +45,9 @@ MARGIN = 0.5  # part of the tolerance that estimate and bound of the error may r
 FASTEST = 1.0
 """Largest phase of a decay in half a sample interval for which a lane's own dampers are a series:
 its digits cancel where it is large."""
+
+SMALL = 1.0 / 8.0
+"""Amplitude of the slowest lane of a vector, over the largest that episodes begin with."""
 
 FINEST = 24  # most substeps of the first column
 
@@ -317,10 +319,10 @@ def plan_of(support: Support, settings: Settings) -> Plan | None:
 def _pushed(support: Support) -> float:
     """Return the shift h^2 F / m1 by the largest held force, over an amplitude of episodes' starts.
 
-    In a vector of lanes one is about as small as that.
+    The slowest lane of a vector decides, but not how many a processor's vectors hold.
     """
     rows, force = [layout.X1, layout.X2], float(support.high[layout.FORCE])
-    starts = np.abs([support.start_low[rows], support.start_high[rows]]).max() / LANES
+    starts = np.abs([support.start_low[rows], support.start_high[rows]]).max() * SMALL
     amplitude = float(starts) or force / (support.outer_stiffness or 1.0) or 1.0
     return force / float(support.low[layout.M1]) * support.sample_interval**2 / amplitude
 
