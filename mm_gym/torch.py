@@ -274,7 +274,7 @@ class Episodes:
 
 def _tensor(array: NDArray[Any]) -> Tensor:
     """Return a copy, whatever writes into the array later."""
-    return torch.tensor(array)
+    return torch.from_numpy(np.array(array))
 
 
 def _with_slopes(value: Tensor, changes: Tensor) -> Tensor:
