@@ -274,7 +274,7 @@ class Episodes:
 
 def _tensor(array: NDArray[Any]) -> Tensor:
     """Return a copy, whatever writes into the array later."""
-    return torch.from_numpy(np.array(array))
+    return torch.tensor(array)
 
 
 def _with_slopes(value: Tensor, changes: Tensor) -> Tensor:
