@@ -129,18 +129,20 @@ def report_run(
     for; with another the results go into `scored-by-NAME` in the folder. The reference baseline is
     the first, the learned agent the last.
     """
-    settings = run.read()["settings"]
+    record = run.read()
     if policy is None:
         run.require_finished()
     if reward is None:
-        parts = recorded_parts(run.scene(), settings, trust=trust)
+        parts = recorded_parts(run.scene(), record, trust=trust)
         scene = parts.scene
     else:  # asked for, so its file may be run, and the run's own only where a part is tuned by it
         scene = rewarded(run.scene(), reward)
         parts = trained_parts(run, trust=trust, asked=scene.own_reward)
     learned = agent_of(run, parts, name) if policy is None else parts.controller(policy, name)
     folder = folder or run.folder
-    if reward is not None and reward != settings.get("reward"):  # the folder's own scores stay
+    if reward is not None and reward != record["settings"].get(
+        "reward"
+    ):  # the folder's own scores stay
         folder /= f"scored-by-{reward.rpartition(':')[2]}"
     return report([*others, learned], scene, episodes, folder)
 

@@ -26,7 +26,7 @@ from agents.network.files import ENDINGS
 from agents.network.interface import Interface
 from agents.network.onnx import onnx_bytes
 from agents.policies import AnyPolicy, Policy, PolicyError, load_exported, load_policy
-from agents.training.parts import Parts, base_controller, trained_parts
+from agents.training.parts import Parts, agent_of, base_controller, trained_parts
 from agents.training.progress import read_ending
 from agents.training.runs import Run
 from agents.value_table.policy import TablePolicy
@@ -132,7 +132,7 @@ def _of_run(run: Run, *, trust: bool) -> Exported:
     interface = Interface.of_scene(scene)
     if ending is not None and (returned := ending.returned) is not None:
         comment = f"It is the controller {returned}, which costs less than the run's agent."
-        controller = base_controller(parts.scene, returned)
+        controller = agent_of(run, parts, returned)
         try:
             return Exported(controller_policy(controller, scene, returned), interface, comment)
         except SceneError as error:

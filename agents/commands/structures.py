@@ -98,7 +98,7 @@ def _searched(file: Path, what: str, seconds: float) -> dict[str, float] | None:
             search(settings, run, bar=False)
         except DesignError:  # of episodes that end early
             return None
-        parts = recorded_parts(scene, run.read()["settings"], trust=False)
+        parts = recorded_parts(scene, run.read(), trust=False)
         cost = evaluate(scene, agent_of(run, parts), episodes=EPISODES).cost
     return {"cost": cost, "seconds": seconds}
 

@@ -10,7 +10,7 @@ from agents.control.kalman_filter import solvable, state_units
 from agents.control.scene import plant_of
 from agents.controllers.lqg import DISTURBANCES, ReachedLQG, regulated_part, weighed, without_force
 from agents.controllers.registry import Entry
-from agents.controllers.searched import cheapest, least
+from agents.controllers.searched import cheapest, chosen_of
 from agents.scoring import validation_cost
 from mm_gym import DesignError, LinearSystem, Scene
 from mm_gym.arrays import Array
@@ -88,7 +88,8 @@ def best_rate_limited_lqg(scene: Scene) -> RateLimitedLQG:
         except DesignError:
             return np.inf
 
-    (effort, rate, unmodelled), _ = least(product(DECADES, DECADES, DISTURBANCES), cost)
+    tried = list(product(DECADES, DECADES, DISTURBANCES))
+    effort, rate, unmodelled = chosen_of(tried, cost)
     found = cheapest(scene, lambda e: made(e, rate, unmodelled), effort + DECADES)
     effort = np.log10(found.effort)
     return cheapest(scene, lambda r: made(effort, r, unmodelled), rate + DECADES)

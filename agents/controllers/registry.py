@@ -9,7 +9,7 @@ from __future__ import annotations
 import pkgutil
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from importlib import import_module
 from math import inf
 from pathlib import Path
@@ -22,6 +22,7 @@ import agents.controllers
 from agents.control.controller import Controller, Law
 from agents.control.feedback import Feedback
 from agents.control.scene import force_weight
+from agents.controllers.choices import chosen, is_remade, note, recorded
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.arrays import Array
 from mm_gym.errors import suggest
@@ -44,16 +45,20 @@ def once(make: Callable[..., Made], scene: Scene, *further: Hashable) -> Made:
     """Return what is made of a scene and further arguments, and the same when asked again.
 
     Searches of designs take long, and several controllers begin with the same one. A reward of
-    one's own has no part in the digest: with it everything is made anew.
+    one's own has no part in the digest: with it everything is made anew, as with known numbers.
     """
-    if scene.own_reward is not None:
+    if scene.own_reward is not None or is_remade():
         return make(scene, *further)
-    return _once(make, _Known(scene.digest, scene), *further)
+    made, numbers = _once(make, _Known(scene.digest, scene), *further)
+    note(numbers)
+    return made
 
 
 @lru_cache(maxsize=MADE)
-def _once(make: Callable[..., Any], known: _Known, *further: Hashable) -> Any:  # noqa: ANN401 - as `once` says
-    return make(known.scene, *further)
+def _once(
+    make: Callable[..., Any], known: _Known, *further: Hashable
+) -> tuple[Any, Sequence[float]]:
+    return recorded(lambda: make(known.scene, *further))
 
 
 Role: TypeAlias = Literal["any", "law", "filter", "further", "informed"]
@@ -193,7 +198,9 @@ class Tunable:
 
     def best(self, scene: Scene) -> Controller:
         """Return the controller with its best numbers."""
-        return self.design(scene, self.numbers(scene))
+        found = self.numbers(scene)
+        numbers = {name: chosen(partial(found.__getitem__, name)) for name in self.free(scene)}
+        return self.design(scene, numbers)
 
     def numbers(self, scene: Scene) -> dict[str, float]:
         """Return the numbers found for the scene, else the first ones.

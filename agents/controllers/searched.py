@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 from agents.control.controller import Controller, Law, StateSource
 from agents.control.feedback import Feedback
 from agents.control.observed_state import observed_state
+from agents.controllers.choices import chosen, chosen_place
 from agents.controllers.registry import Tunable
 from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, validation_cost
 from mm_gym import DesignError, Scene, SimulationError
@@ -58,9 +59,19 @@ def least(tried: Iterable[Tried], cost: Callable[[Tried, float], float]) -> tupl
     return best[0], lowest
 
 
+def chosen_of(tried: Sequence[Tried], cost: Callable[[Tried, float], float]) -> Tried:
+    """Return what costs least, as `least` does, or what was chosen of as many before."""
+    places = range(len(tried))
+
+    def search() -> int:
+        return least(places, lambda place, most: cost(tried[place], most))[0]
+
+    return tried[chosen_place(search, len(tried))]
+
+
 def cheapest_of(scene: Scene, controllers: Iterable[Designed]) -> Designed:
     """Return the controller of least cost of some."""
-    return least(controllers, lambda one, most: validation_cost(scene, one, most=most))[0]
+    return chosen_of(list(controllers), lambda one, most: validation_cost(scene, one, most=most))
 
 
 def searched(
@@ -86,10 +97,13 @@ def cheapest(
     def cost(value: float, most: float = np.inf) -> float:
         return _cost_of(scene, lambda: controller(float(value)), seed=seed, most=most)
 
-    best, lowest = least(range(len(values)), lambda k, most: cost(values[k], most))
-    around = values[max(best - 1, 0)], values[min(best + 1, len(values) - 1)]
-    refined = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-3})
-    return controller(float(refined.x) if refined.fun < lowest else float(values[best]))
+    def search() -> float:
+        best, lowest = least(range(len(values)), lambda k, most: cost(values[k], most))
+        around = values[max(best - 1, 0)], values[min(best + 1, len(values) - 1)]
+        refined = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-3})
+        return float(refined.x) if refined.fun < lowest else float(values[best])
+
+    return controller(chosen(search))
 
 
 def over_decades(
@@ -113,7 +127,7 @@ def searched_pair(
     def cost(pair: tuple[float, float], most: float) -> float:
         return _cost_of(scene, lambda: Feedback(scene, make(*pair), source), most=most)
 
-    (best, _), _ = least(pairs, cost)
+    best, _ = chosen_of(pairs, cost)
     return searched(scene, lambda exponent: make(best, 10.0**exponent), DECADES)
 
 

@@ -221,7 +221,7 @@ def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     Raise as `Search.finish` does, and, before a folder is made, `SceneError`, `CompileError` or
     `DesignError` if there is nothing to search on, or the law does not apply.
     """
-    search = Evolution(settings, settings.rewarded_scene())
+    search = Evolution(settings, settings.rewarded_scene(), run.numbers(settings))
     with closing(search):
         search.finish(run, bar=bar)
 
@@ -237,13 +237,15 @@ class Evolution(Search):
 
     unit = "generation"
 
-    def __init__(self, settings: EvolveSettings, scene: Scene) -> None:
+    def __init__(
+        self, settings: EvolveSettings, scene: Scene, numbers: Sequence[float] | None = None
+    ) -> None:
         super().__init__(settings, scene)
         self.settings: EvolveSettings = settings
         generator = np.random.default_rng(settings.seed)
         odd, own = scene.actuation.names == ("force",), settings.scene is not None
-        around, scales = make_parts(settings), None
-        base, law = around.base, around.scheduled
+        around, scales = make_parts(settings, numbers), None
+        base, law, self.numbers = around.base, around.scheduled, around.numbers
         if base is None and settings.base is not None:
             raise not_a_law(settings.base, scene, "base", "or FILE.py:NAME")
         if base is None:

@@ -64,6 +64,7 @@ class Row(BaseModel, strict=True, allow_inf_nan=False):
     base: str | None = None
     authority: float = 0.0
     schedules: bool = False  # whether it sets the controller's numbers instead
+    numbers: list[float] | None = None  # those that the controller's searches chose
     scored: str  # what scored it
 
     @property
@@ -113,11 +114,12 @@ def publish(
         run = here.get((cell.task, cell.algorithm, cell.median.seed))
         if run is None:
             continue
-        content, settings = read_bytes(run.policy, most=MOST_BYTES), run.read()["settings"]
+        content, record = read_bytes(run.policy, most=MOST_BYTES), run.read()
         name = f"{short_name(cell.task)}-{cell.algorithm}{run.policy.suffix}"
         fits = len(content) <= LARGEST
         if fits:
             write_bytes(folder / name, content)
+        settings, numbers = record["settings"], record.get("numbers")
         median = cell.median.model_dump(include=set(Row.model_fields))
         rows[cell.task, cell.algorithm] = Row(
             **median,
@@ -129,6 +131,7 @@ def publish(
             base=settings.get("base"),
             authority=settings.get("authority", 0.0),
             schedules=settings.get("schedules", False),
+            numbers=numbers,
             scored=f"{cell.median.machine}, commit {cell.median.commit}",
         )
     for name in before - {row.file for row in rows.values()}:
@@ -167,8 +170,9 @@ def controller_of(row: Row, scene: Scene, folder: Path = FOLDER) -> Controller:
     if scene.digest != row.scene_digest:
         msg = f"{file}: made for another scene than {row.task} has now"
         raise PolicyError(msg)
-    acts = row.model_dump(include={"base", "authority", "schedules"})
-    return recorded_parts(scene, acts, trust=False).controller(load_policy(file))
+    settings = row.model_dump(include={"base", "authority", "schedules"})
+    record = {"settings": settings, "numbers": row.numbers}
+    return recorded_parts(scene, record, trust=False).controller(load_policy(file))
 
 
 def scored_again(published: Published, folder: Path = FOLDER) -> Iterator[tuple[Row, float]]:

@@ -274,7 +274,7 @@ def _scored_training(settings: RunSettings, run: Run) -> Score:
     else:
         _, search = SEARCHES[algorithm_of(settings)]
         search(settings, run, bar=False)
-    parts = recorded_parts(settings.load_scene(), run.read()["settings"], trust=True)
+    parts = recorded_parts(settings.load_scene(), run.read(), trust=True)
     found = evaluate(parts.scene, agent_of(run, parts), episodes=EPISODES)
     return Score(
         cost=found.cost,

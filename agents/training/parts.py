@@ -4,9 +4,10 @@ No search returns a worse agent than the best classical controller of its scene.
 """
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from gymnasium.error import DependencyNotInstalled
 from agents.control.controller import Controller
 from agents.control.feedback import Feedback
 from agents.controllers.adjustable import Adjustable, Scheduled, adjustable
+from agents.controllers.choices import recorded
 from agents.controllers.learned import Learned, Residual
 from agents.controllers.registry import RANDOM, laws, not_a_law, once
 from agents.controllers.searched import least
@@ -50,6 +52,7 @@ class Parts:
     base: Controller | None = None
     authority: float = 0.0
     scheduled: Adjustable | None = None  # the base's law, if the agent sets its numbers instead
+    numbers: Sequence[float] = ()  # those that the base's searches chose
 
     def controller(self, policy: AnyPolicy, name: str = "learned") -> Controller:
         """Return a policy as a controller, around the base if there is one."""
@@ -62,12 +65,13 @@ class Parts:
         return Feedback(self.scene, law, self.base.source)
 
 
-def make_parts(settings: RunSettings) -> Parts:
+def make_parts(settings: RunSettings, numbers: Sequence[float] | None = None) -> Parts:
     """Return the parts of a training; files that its settings name are run.
 
-    Raise `SceneError` if a part cannot be made.
+    The base is made with the numbers that its searches chose before, if they are known. Raise
+    `SceneError` if a part cannot be made.
     """
-    return _parts(settings.rewarded_scene(), settings.model_dump())
+    return _parts(settings.rewarded_scene(), settings.model_dump(), numbers)
 
 
 def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:
@@ -79,18 +83,20 @@ def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:
     ending = read_ending(run)
     if ending is None or ending.returned is None:
         return parts.controller(load_policy(run.policy), name)
-    controller = copy.copy(base_controller(parts.scene, ending.returned))  # some are cached
+    make = partial(base_controller, parts.scene, ending.returned)
+    controller = copy.copy(recorded(make, ending.numbers)[0])  # some are cached
     controller.name = name
     return controller
 
 
-def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool) -> Parts:
-    """Return the parts of a run, from the scene and the settings in its record.
+def recorded_parts(scene: Scene, record: Mapping[str, Any], *, trust: bool) -> Parts:
+    """Return the parts of a run, from its scene and what its record says (`Record`).
 
     The record's own reward is added to the scene, if it has one and the settings name it. Raise
     `PolicyError` if they are in a file of the user's, which would be run, and it is not trusted;
     `SceneError` if a part cannot be made.
     """
+    settings = record["settings"]
     base, reward = (settings.get(name) for name in ("base", "reward"))
     code = [text for text in (base, reward) if isinstance(text, str) and is_path(text)]
     if code and not trust:
@@ -99,7 +105,7 @@ def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool)
             "and report allow it with --trust"
         )
         raise PolicyError(msg)
-    return _parts(rewarded(scene, reward), settings)  # pyright: ignore[reportArgumentType] - of the record
+    return _parts(rewarded(scene, reward), settings, record.get("numbers"))
 
 
 def trained_parts(run: Run, *, trust: bool, asked: OwnReward | None = None) -> Parts:
@@ -110,13 +116,14 @@ def trained_parts(run: Run, *, trust: bool, asked: OwnReward | None = None) -> P
     is run. A reward that was asked for by the same name has been run, so it needs no trust. Raise
     as `recorded_parts` does, and `RunError` if a file that was run has changed since the training.
     """
-    settings, ending, scene = run.read()["settings"], read_ending(run), run.scene()
+    record, ending, scene = run.read(), read_ending(run), run.scene()
+    settings = record["settings"]
     has_base = settings.get("base") not in (None, NO_BASE)
     if not has_base and (ending is None or ending.returned is None):
         settings = settings | {"reward": None}
     elif asked is not None and asked.given == settings.get("reward"):
         scene, settings = rewarded(scene, asked), settings | {"reward": None}
-    parts = recorded_parts(scene, settings, trust=trust)
+    parts = recorded_parts(scene, record | {"settings": settings}, trust=trust)
     _require_unchanged(run, parts)
     return parts
 
@@ -162,9 +169,11 @@ def base_controller(scene: Scene, base: str, what: str = "base") -> Controller:
         raise SceneError(msg) from error
 
 
-def _parts(scene: Scene, settings: Mapping[str, Any]) -> Parts:
+def _parts(scene: Scene, settings: Mapping[str, Any], numbers: Sequence[float] | None) -> Parts:
     base, schedules = settings.get("base"), settings.get("schedules", False)
-    added = None if base is None or base == NO_BASE else base_controller(scene, base)
+    added: Controller | None = None
+    if base is not None and base != NO_BASE:
+        added, numbers = recorded(partial(base_controller, scene, base), numbers)
     law = adjustable(added) if schedules else None
     if schedules and law is None:
         refuse(
@@ -173,7 +182,7 @@ def _parts(scene: Scene, settings: Mapping[str, Any]) -> Parts:
             "a controller of this project whose numbers can change in each control step, as those "
             "of inertial-drive can",
         )
-    return Parts(scene, added, settings.get("authority", 0.0), law)
+    return Parts(scene, added, settings.get("authority", 0.0), law, numbers or ())
 
 
 PLANS = "predictive-control"

@@ -108,6 +108,7 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     # less than the best agent, it is what the run returns.
     controller: str | None = None
     controller_cost: float | None = None
+    numbers: list[float] | None = None  # those that the searches of this controller chose
 
     @classmethod
     def of(cls, run: Progress, scene: Scene, worst: float = 1.0, **told: object) -> Ending:

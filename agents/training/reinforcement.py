@@ -61,7 +61,8 @@ def train(
     """
     algorithm_class(settings.algorithm)
     settings = for_own_scene(settings, run)
-    search = Reinforcement(settings, make_parts(settings), run, report)
+    parts = make_parts(settings, run.numbers(settings))
+    search = Reinforcement(settings, parts, run, report)
     search.finish(run, bar=bar)
     search.model.env.close()
 
@@ -86,6 +87,7 @@ class Reinforcement(Search):
         super().__init__(settings, parts.scene)
         self.settings: TrainSettings = settings
         self.parts, self.report, self.total = parts, report, settings.steps
+        self.numbers = parts.numbers
         self.began_as = str(settings.base) if parts.base else "an untrained network"
         torch.set_num_threads(settings.threads)
         lanes = _normalised(settings, make_lanes(settings, parts))

@@ -8,7 +8,7 @@ import reprlib
 import shlex
 import subprocess
 import sys
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -79,6 +79,7 @@ class Record(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
     scene: dict[str, JsonValue] | None = None
     scene_digest: str
     code: dict[str, str] = {}
+    numbers: list[float] | None = None  # those that the base's searches chose
     command: str = ""
     earlier: list[dict[str, JsonValue]] = []
 
@@ -201,9 +202,10 @@ class Run:
     def _lock(self) -> Path:
         return self.folder / ".lock"
 
-    def open(self, settings: RunSettings) -> None:
+    def open(self, settings: RunSettings, numbers: Sequence[float] = ()) -> None:
         """Begin the run, or continue one of the same settings.
 
+        The numbers are those that the searches of its base chose.
         A run that is given more steps, generations or time goes on: its policy so far is kept
         too, under a free name with the steps or generations. Raise `RunError` if the folder holds
         a run of other settings or another scene.
@@ -227,6 +229,7 @@ class Run:
                 self.policy.rename(self._free(f"policy-{size}", self.policy.suffix))
         contents = {
             **_identity(settings),
+            **({"numbers": list(numbers)} if numbers else {}),
             **({"earlier": earlier} if earlier else {}),
             "scene": with_relative_records(
                 json.loads(settings.load_scene().model_dump_json()), self.folder
@@ -258,6 +261,12 @@ class Run:
     def takes(self, settings: RunSettings) -> bool:
         """Tell whether training with these settings can begin or continue in the folder."""
         return not self.finished and not self._differences(settings)
+
+    def numbers(self, settings: RunSettings) -> list[float] | None:
+        """Return the numbers of the base of the run that training with settings goes on with."""
+        if not os.path.lexists(self.record) or self._differences(settings):
+            return None
+        return self.read().get("numbers")
 
     def read(self) -> dict[str, Any]:
         """Return the record, as `Record` says.

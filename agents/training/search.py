@@ -8,7 +8,8 @@ import os
 import sys
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import ClassVar, Self
 
@@ -17,6 +18,7 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 from tqdm import tqdm
 
+from agents.controllers.choices import recorded
 from agents.controllers.learned import Learned
 from agents.policies import AnyPolicy, policy_in
 from agents.scoring import validation_cost
@@ -28,7 +30,7 @@ from agents.training.arrays import (
     save_checkpoint,
 )
 from agents.training.config import TimedSettings
-from agents.training.parts import best_controller
+from agents.training.parts import base_controller, best_controller
 from agents.training.progress import Ending, Progress, told_part
 from agents.training.runs import Run
 from agents.training.starts import without_control
@@ -106,6 +108,7 @@ class Search(ABC):
     frames: int
     began_as: str
     worst: float = 1.0
+    numbers: Sequence[float] = ()  # those that the searches of the base chose, for the record
 
     def __init__(self, settings: TimedSettings, scene: Scene) -> None:
         self.settings, self.scene = settings, scene
@@ -158,7 +161,7 @@ class Search(ABC):
         cost.
         """
         with run.locked():
-            run.open(self.settings)
+            run.open(self.settings, self.numbers)
             if not run.finished:
                 if run.checkpoint.exists():
                     self._continue(run)
@@ -212,6 +215,9 @@ class Search(ABC):
                 )
             best = best_controller(self.scene, worst=self.worst)
             ending.controller, ending.controller_cost = best
+            if ending.returned is not None:
+                make = partial(base_controller, self.scene, ending.returned)
+                ending.numbers = list(recorded(make)[1])
         if self.is_compared and ending.is_worse and getattr(self.settings, "base", None) is None:
             without = without_control(self.scene)
             if validation_cost(self.scene, Learned(without), self.worst) < progress.least_cost:

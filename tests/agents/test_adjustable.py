@@ -131,7 +131,7 @@ def test_run_of_a_schedule_is_scored_as_it_was_validated_and_says_what_an_export
 ):
     run = Run("tiny", tmp_path)
     evolve(settings(candidates=12, episodes=24, generations=12, spread=0.1), run, bar=False)
-    parts = recorded_parts(run.scene(), run.read()["settings"], trust=False)
+    parts = recorded_parts(run.scene(), run.read(), trust=False)
     agent = agent_of(run, parts)
     assert isinstance(agent, Feedback)
     assert isinstance(agent.law, Scheduled)
@@ -150,7 +150,7 @@ def test_run_of_a_schedule_is_scored_as_it_was_validated_and_says_what_an_export
     words[1] = str(late.folder)
     assert export.main() is None
     told = capsys.readouterr().out
-    numbers = recorded_parts(late.scene(), late.read()["settings"], trust=False).scheduled.numbers
+    numbers = recorded_parts(late.scene(), late.read(), trust=False).scheduled.numbers
     assert "actions set numbers of the controller inertial-drive" in told
     assert f"lead = {numbers['lead']:.6g} + 0.3 * action, within" in told
     assert f"push = {numbers['push']:.6g} * exp(0.5 * action)" in told

@@ -345,7 +345,7 @@ class TestBases:
         evolve(settings, run)
         ending = read_ending(run)
         assert ending.is_worse
-        parts = recorded_parts(settings.load_scene(), run.read()["settings"], trust=True)
+        parts = recorded_parts(settings.load_scene(), run.read(), trust=True)
         cost = validation_cost(parts.scene, agent_of(run, parts))
         assert cost == pytest.approx(ending.cost, rel=1e-6)
 

@@ -215,7 +215,7 @@ def test_validation_charges_the_same_terminal_cost_as_the_report(tmp_path: Path)
     train(settings, run)
     cost = run.validations()[1].min()
     scene = settings.load_scene()
-    learned = agent_of(run, recorded_parts(scene, run.read()["settings"], trust=False))
+    learned = agent_of(run, recorded_parts(scene, run.read(), trust=False))
     assert cost == evaluate(scene, learned, seed=VALIDATION_SEED, episodes=100).cost
     # Most episodes begin beyond the limit, so the cost is above that of the limit itself.
     assert cost**2 > limit_penalty(scene)
@@ -225,7 +225,9 @@ def test_agent_that_is_a_known_controller_leaves_its_name_alone(tmp_path: Path, 
     scene = load_scene("mm_gym/CarriageForce-v0")
     cached = parts.base_controller(scene, "no-control")
     monkeypatch.setattr(parts, "base_controller", lambda *_: cached)
-    monkeypatch.setattr(parts, "read_ending", lambda _: SimpleNamespace(returned="no-control"))
+    monkeypatch.setattr(
+        parts, "read_ending", lambda _: SimpleNamespace(returned="no-control", numbers=None)
+    )
     assert agent_of(Run("any", tmp_path), parts.Parts(scene), "learned").name == "learned"
     assert cached.name == "no control"
 
@@ -243,7 +245,7 @@ def test_run_whose_own_code_has_changed_is_not_scored(tmp_path: Path) -> None:
     train(settings, run, bar=False)
 
     def recorded() -> parts.Parts:
-        return recorded_parts(run.scene(), run.read()["settings"], trust=True)
+        return recorded_parts(run.scene(), run.read(), trust=True)
 
     agent_of(run, recorded())
     parts.trained_parts(run, trust=True)
