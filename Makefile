@@ -79,7 +79,6 @@ bench: $(BENCH)/.installed
 # The scores of the tasks, and the pages that show them.
 tasks: $(INSTALLED)
 	$(RUN) -m agents headroom
-	$(RUN) -m agents task-page
 	$(RUN) -m agents ranking
 
 # Ten trainings of each task by each algorithm, some seven hours of one core, and their page.

@@ -1,15 +1,14 @@
 """Rank all that is known on each task.
 
 Scores the runs on the hundred episodes of ``docs/task_scores.json``, adds them to it, and writes
-``docs/ranking.md`` from it. A new score replaces an earlier one.
+``docs/ranking.md`` and ``docs/tasks.md`` from it. A new score replaces an earlier one.
 ``--controllers`` also scores the named classical controllers, on all tasks that they apply to or on
-those of ``--tasks``, and ``--published`` the published policies. Then write ``docs/tasks.md``:
-``python -m agents task-page``.
+those of ``--tasks``, and ``--published`` the published policies that are new.
 """
 
 import json
 import re
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -20,8 +19,10 @@ from agents.controllers.tuned import NOT_SCORED
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import LEARNED, SCORES, Row, read_scores, scored
-from agents.report.published import published_agents, read_published
-from agents.report.score_pages import RANKING, ranking_page
+from agents.report.published import Published, published_agents, read_published
+from agents.report.published import Row as PublishedRow
+from agents.report.score_pages import RANKING, TASKS, ranking_page, tasks_page
+from agents.scoring import written
 from agents.training.runs import RunError
 from mm_gym import load_scene
 from mm_gym.errors import check_name, refuse
@@ -40,7 +41,7 @@ class Arguments:
     tasks: tuple[str, ...] = ()
     """names such as Hybrid, on which these are scored; by default all of mm_gym"""
     published: bool = False
-    """score the published policies too, see docs/published.md"""
+    """score the published policies too that have not the cost of docs/published.md here"""
 
 
 def of_controllers(names: Sequence[str], tasks: Sequence[str]) -> Iterator[tuple[str, Row]]:
@@ -109,24 +110,42 @@ def of_runs(scores: dict[str, dict[str, Any]], text: str) -> Iterator[tuple[str,
             yield task, scored(LEARNED, scene, agent)
 
 
-def of_published(tasks: Container[str]) -> Iterator[tuple[str, Row]]:
-    """Yield the tasks and rows of the published policies of some tasks."""
-    for row, scene, agent in published_agents(read_published(), tasks):
+def of_published(scores: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Row]]:
+    """Yield the tasks and rows of the published policies whose costs the scores do not have.
+
+    A cost that differs by rounding alone is that which is published.
+    """
+    new = [row for row in read_published().rows if not _has(scores.get(row.task), row)]
+    for row, scene, agent in published_agents(Published(rows=new), scores):
         agent.name = row.agent
-        yield row.task, scored(LEARNED, scene, agent)
+        found = scored(LEARNED, scene, agent)
+        yield row.task, found | _cost(row) if row.has(found["cost"]) else found
+
+
+def _has(of_task: Mapping[str, Any] | None, row: PublishedRow) -> bool:
+    known = of_task and of_task["scene_digest"] == row.scene_digest and of_task["rows"]
+    return any(
+        one["controller"] == row.agent and _cost(row).items() <= one.items() for one in known or ()
+    )
+
+
+def _cost(row: PublishedRow) -> Row:
+    return written({"cost": row.cost})
 
 
 @command
 def main(arguments: Arguments) -> None:
     """Rank from the command line."""
-    scores = read_scores(SCORES)
+    scores = read_scores(SCORES, ids())
     found = [one for text in arguments.runs for one in of_runs(scores, text)]
     if arguments.published:
         found += of_published(scores)
     found += of_controllers(arguments.controllers, arguments.tasks)
-    scores = read_scores(SCORES, [task for task, _ in found])  # others may have written to it
+    # Others may have written to it.
+    scores = read_scores(SCORES, [*ids(), *(task for task, _ in found)])
     for task, row in found:
         put(scores[task]["rows"], row)
     write_text(SCORES, json.dumps(scores, indent=1) + "\n")
-    write_text(RANKING, ranking_page(scores))
-    print(f"written: {RANKING}")
+    for page, text in ((RANKING, ranking_page(scores)), (TASKS, tasks_page(scores))):
+        write_text(page, text)
+        print(f"written: {page}")

@@ -22,7 +22,7 @@ import numpy as np
 import policy_files
 import pytest
 
-from agents.commands import evaluate, export, ranking, task_page
+from agents.commands import evaluate, export, ranking
 from agents.commands.headroom import _kept_plans
 from agents.evaluation.headroom import SCORES, read_scores
 from agents.policies import PolicyError, load_policy, network
@@ -588,14 +588,14 @@ def test_commands_name_what_is_wrong_with_the_record_of_a_run(kind, tmp_path, mo
 
 
 @pytest.mark.parametrize("text", ["{}", "[]", "{", '{"mm_gym/Hybrid-v0": {"rows": []}}'])
-def test_page_of_tasks_is_not_written_from_damaged_scores(text, tmp_path, monkeypatch):
+def test_pages_of_scores_are_not_written_from_damaged_scores(text, tmp_path, monkeypatch):
     file, page = tmp_path / "scores.json", tmp_path / "tasks.md"
     file.write_text(text)
-    read = read_scores
-    monkeypatch.setattr(task_page, "read_scores", lambda **names: read(file, **names))
-    monkeypatch.setattr(task_page, "TASKS", page)
+    monkeypatch.setattr(ranking, "SCORES", file)
+    monkeypatch.setattr(ranking, "RANKING", page)
+    monkeypatch.setattr(ranking, "TASKS", page)
     monkeypatch.setattr("sys.argv", ["agents"])
-    assert str(task_page.main()).startswith(f"error: {file}: ")
+    assert str(ranking.main()).startswith(f"error: {file}: ")
     assert not page.exists()
 
 

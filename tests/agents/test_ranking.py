@@ -124,6 +124,7 @@ def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monk
     scores.write_text(SCORES.read_text("utf-8"))
     monkeypatch.setattr(ranking, "SCORES", scores)
     monkeypatch.setattr(ranking, "RANKING", page_file)
+    monkeypatch.setattr(ranking, "TASKS", tmp_path / "tasks.md")
     monkeypatch.setattr(sys, "argv", ["ranking", str(folder)])
     assert "training is not finished" in str(ranking.main())
     for gain in (1.0, 1.5):
@@ -151,6 +152,22 @@ def test_published_policies_have_the_same_cost_in_the_ranking():
         assert printed(found["cost"]) == printed(one.cost), one.name
 
 
+def test_published_policies_that_the_scores_have_are_not_scored_again(monkeypatch):
+    assert list(ranking.of_published(COMMITTED)) == []
+    first = next(one for one in read_published().rows if one.base and one.task == FORCE)
+    scores = {FORCE: {"scene_digest": first.scene_digest, "rows": COMMITTED[FORCE]["rows"]}}
+    others = [one for one in scores[FORCE]["rows"] if one["controller"] != first.agent]
+    for shift, told in ((0.0, first.cost), (2e-4, first.cost), (2e-3, None)):
+        score = row("learned", first.agent, first.cost * (1.0 + shift))
+        monkeypatch.setattr(ranking, "scored", lambda *_, score=score: score)
+        ((task, found),) = ranking.of_published({FORCE: {**scores[FORCE], "rows": others}})
+        assert task == FORCE
+        assert found["cost"] == pytest.approx(told or score["cost"], rel=1e-5)
+        assert list(ranking.of_published({FORCE: {**scores[FORCE], "rows": [*others, found]}})) == (
+            [] if told else [(FORCE, score)]
+        )
+
+
 def test_named_controllers_are_scored_and_nothing_else(tmp_path, monkeypatch, capsys):
     scores = tmp_path / "scores.json"
     before = json.loads(SCORES.read_text("utf-8"))
@@ -159,6 +176,7 @@ def test_named_controllers_are_scored_and_nothing_else(tmp_path, monkeypatch, ca
     scores.write_text(json.dumps(before))
     monkeypatch.setattr(ranking, "SCORES", scores)
     monkeypatch.setattr(ranking, "RANKING", tmp_path / "ranking.md")
+    monkeypatch.setattr(ranking, "TASKS", tmp_path / "tasks.md")
     words = ["ranking", "--controllers", "lqr", "--tasks", "CarriageForce"]
     monkeypatch.setattr(sys, "argv", words)
     assert ranking.main() is None
@@ -185,6 +203,7 @@ def test_scores_that_another_process_writes_meanwhile_stay(tmp_path, monkeypatch
     scores.write_text(json.dumps(COMMITTED))
     monkeypatch.setattr(ranking, "SCORES", scores)
     monkeypatch.setattr(ranking, "RANKING", tmp_path / "ranking.md")
+    monkeypatch.setattr(ranking, "TASKS", tmp_path / "tasks.md")
 
     def long(role, *_):
         now = json.loads(scores.read_text())
@@ -208,6 +227,7 @@ def test_a_controller_that_cannot_be_designed_is_named_and_others_go_on(
     scores.write_text(SCORES.read_text("utf-8"))
     monkeypatch.setattr(ranking, "SCORES", scores)
     monkeypatch.setattr(ranking, "RANKING", tmp_path / "ranking.md")
+    monkeypatch.setattr(ranking, "TASKS", tmp_path / "tasks.md")
     words = ["ranking", "--controllers", "lqg", "--tasks", "CarriageForceFriction"]
     monkeypatch.setattr(sys, "argv", words)
     assert ranking.main() is None

@@ -14,7 +14,7 @@ from mm_gym.tasks import ids
 
 def test_committed_page_is_up_to_date():
     expected = page(json.loads(SCORES.read_text("utf-8")))
-    assert PAGE.read_text("utf-8") == expected, "run `python -m agents task-page`"
+    assert PAGE.read_text("utf-8") == expected, "run `python -m agents ranking`"
 
 
 @pytest.mark.parametrize(
