@@ -150,27 +150,37 @@ def shared_episodes(penalties: Array, reference: Array | None = None) -> Estimat
     penalties
         (seeds, episodes) as in `Evaluation`, of the same episodes.
     reference
-        (episodes,) of one other controller, in the same episodes: the mean is then divided by its
-        cost, and what makes an episode expensive for both widens no interval.
+        (episodes,) of one other controller, or (seeds, episodes) of other trainings, in the same
+        episodes: the mean is then divided by their cost, and what makes an episode expensive for
+        both widens no interval.
     """
+    value, of_seeds, slopes = _middle(penalties)
+    if reference is not None:
+        other, of_others, its_slopes = _middle(np.atleast_2d(reference))
+        value, slopes, of_seeds = value / other, slopes - its_slopes, np.hypot(of_seeds, of_others)
     seeds, episodes = penalties.shape
+    if seeds == 1:
+        return Estimate(value, np.nan, np.nan)
+    margin = np.hypot(of_seeds, _margin(slopes.std(ddof=1) / np.sqrt(episodes), episodes))
+    return Estimate(value, float(value / np.exp(margin)), float(value * np.exp(margin)))
+
+
+def _middle(penalties: Array) -> tuple[float, float, Array]:
+    """Return the interquartile mean of the seeds' costs, and what its logarithm depends on.
+
+    It is the margin over seeds, 0 of a single one, and (episodes,) the slope over the penalties.
+    """
+    seeds = len(penalties)
     costs = np.sqrt(penalties.mean(axis=1))
     cut = seeds // 4
     middle = np.argsort(costs)[cut : seeds - cut]
     value, kept = float(costs[middle].mean()), len(middle)
     slopes = (penalties[middle] / (2.0 * costs[middle, None])).mean(axis=0) / value
-    ratio = value
-    if reference is not None:
-        slopes = slopes - reference / (2.0 * reference.mean())
-        ratio = value / float(np.sqrt(reference.mean()))
     if seeds == 1:
-        return Estimate(ratio, np.nan, np.nan)
+        return value, 0.0, slopes
     winsorised = np.clip(costs, costs[middle].min(), costs[middle].max())
-    margin = np.hypot(
-        _margin(winsorised.std(ddof=1) * seeds / kept / np.sqrt(seeds) / value, kept),
-        _margin(slopes.std(ddof=1) / np.sqrt(episodes), episodes),
-    )
-    return Estimate(ratio, float(ratio / np.exp(margin)), float(ratio * np.exp(margin)))
+    error = winsorised.std(ddof=1) * seeds / kept / np.sqrt(seeds) / value
+    return value, _margin(error, kept), slopes
 
 
 def _margin(error: float, count: int) -> float:

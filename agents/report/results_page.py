@@ -9,11 +9,11 @@ import numpy as np
 from agents.evaluation.aggregates import performance_profile
 from agents.evaluation.headroom import CLASSICAL, read_scores
 from agents.evaluation.plans import Effort, Planner
-from agents.evaluation.sealed import read_sealed
+from agents.evaluation.sealed import AGENT, read_sealed
 from agents.report.charts import logarithmic
 from agents.report.pages import printed, render, span
 from agents.report.published import controller_of, read_published
-from agents.report.score_pages import least, of_sealed, standing
+from agents.report.score_pages import algorithm_named, least, of_sealed, standing
 from agents.scoring import Evaluation, evaluate, tail_mean
 from agents.sweeps.results import Cell, OnTask, Results, on_tasks, reference_controller
 from agents.sweeps.trials import LEARNERS
@@ -34,7 +34,7 @@ FIGURES = ("curves", "profile", "episodes")
 
 def page(results: Results, folder: str) -> str:
     """Return the page, with the figures of a folder next to it."""
-    known, earlier = on_tasks(results), results.earlier
+    known, earlier, sealed = on_tasks(results), results.earlier, read_sealed()
     of_best = {one.name: one.best.cost(one.reference) for one in known}
     counts = {(cell.task, cell.algorithm): len(cell.trainings) for _, cell in _each(known)}
     counts |= {(one.task, one.algorithm): one.seeds for one in earlier}
@@ -48,7 +48,8 @@ def page(results: Results, folder: str) -> str:
         left_out=[short_name(task) for task in ids() if task not in tasks],
         unknown=[short_name(task) for task in tasks if short_name(task) not in of_best],
         of_held_out=standing(of_best, len(tasks)),
-        of_sealed=of_sealed(read_sealed()),
+        of_sealed=of_sealed(sealed),
+        unsealed=[one.name for one in known if one.best.algorithm not in _sealed(sealed, one.task)],
         machines=sorted({one.machine for one in results.trainings}),
         algorithms=algorithms,
         known=known,
@@ -64,6 +65,12 @@ def page(results: Results, folder: str) -> str:
         failures=[_failures(one) for one in known],
         **{name: f"{folder}/{name}.png" for name in FIGURES},
     )
+
+
+def _sealed(sealed: Mapping[str, Any], task: str) -> list[str]:
+    """Return the algorithms that have sealed scores on a task."""
+    rows = sealed["tasks"].get(task, {}).get("rows", [])
+    return [algorithm_named(task, row["controller"]) for row in rows if row["role"] == AGENT]
 
 
 def _each(known: Sequence[OnTask]) -> Iterator[tuple[OnTask, Cell]]:

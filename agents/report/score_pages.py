@@ -271,7 +271,7 @@ def _compared(rows: Sequence[Row]) -> list[Row | None]:
 def sealed_page(data: Mapping[str, Any]) -> str:
     """Return the page of the sealed episodes of a release, as of ``docs/sealed_scores.json``."""
     again = [
-        f"{_algorithm(task, row['controller'])} on {short_name(task)}"
+        f"{algorithm_named(task, row['controller'])} on {short_name(task)}"
         for task, rows in data["tasks"].items()
         for row in rows["rows"]
         if row.get("again")
@@ -283,11 +283,11 @@ def sealed_page(data: Mapping[str, Any]) -> str:
         episodes=SEALED_EPISODES,
         seed=first_seed(data["release"]),
         of_sealed=of_sealed(data),
-        algorithm=_algorithm,
+        algorithm=algorithm_named,
     )
 
 
-def _algorithm(task: str, name: str) -> str:
+def algorithm_named(task: str, name: str) -> str:
     """Return a controller's name, or the algorithm of trainings whose folders begin with a task."""
     return name.removeprefix(f"{short_name(task)}-").removesuffix("-plain")
 

@@ -159,8 +159,8 @@ class Cell:
         least = np.array([min(one.validation) for one in self.trainings])
         return float(interquartile_mean(least[None]))
 
-    def cost(self, other: Reference | None = None) -> Estimate:
-        """Return the interquartile mean of the seeds' costs, or its ratio to another's cost.
+    def cost(self, other: Reference | Self | None = None) -> Estimate:
+        """Return the interquartile mean of the seeds' costs, or its ratio to that of another.
 
         The interval is for other seeds and other episodes; one seed has none.
         """
@@ -221,6 +221,12 @@ class OnTask:
         most = max(len(cell.trainings) for cell in self.cells)
         whole = (cell for cell in self.cells if len(cell.trainings) == most)
         return min(whole, key=lambda cell: cell.validation)
+
+    @property
+    def ties(self) -> list[str]:
+        """Algorithms whose cost differs from the best one's by less than the interval."""
+        ratios = {cell.algorithm: cell.cost(self.best) for cell in self.cells if cell != self.best}
+        return [name for name, ratio in ratios.items() if ratio.low <= 1.0 <= ratio.high]
 
     def scores(self, costs: Array) -> Array:
         """Return s = (J_constant - J) / (J_constant - J_best found) of costs J."""

@@ -195,6 +195,35 @@ def test_intervals_of_shared_episodes_cover_whatever_scatters_most(seeds):
     assert np.mean(found) >= 0.945
 
 
+@pytest.mark.parametrize(
+    ("seeds", "scatter"),
+    [((10, 10), (0.002, 0.002)), ((10, 3), (0.03, 0.002)), ((4, 10), (0.2, 0.1))],
+)
+def test_intervals_of_the_ratio_of_two_trainings_cover_other_seeds_and_episodes(seeds, scatter):
+    generator, covered, runs = np.random.default_rng(11), 0, 1000
+    for _ in range(runs):
+        shared = crossed(generator, 1, 1e-9, 0.5, 1e-3)
+        own, other = (
+            shared * crossed(generator, count, own, 0.05, 0.1)
+            for count, own in zip(seeds, scatter, strict=True)
+        )
+        found = shared_episodes(own, other)
+        covered += found.low <= 1.0 <= found.high
+    # As above: what is particular to a seed counts twice, which errs on the wide side.
+    assert covered / runs >= 0.93
+
+
+def test_ratio_of_two_trainings_is_one_for_the_same_and_turns_round():
+    generator = np.random.default_rng(3)
+    own, other = (crossed(generator, 10, 0.03, 0.5, 0.1) for _ in range(2))
+    assert shared_episodes(own, own).value == pytest.approx(1.0, rel=1e-15)
+    found, turned = shared_episodes(own, other), shared_episodes(other, own)
+    assert turned == pytest.approx((1.0 / found.value, 1.0 / found.high, 1.0 / found.low))
+    one = shared_episodes(own, other[:1])
+    assert one == pytest.approx(shared_episodes(own, other[0]))
+    assert np.log(one.high / one.low) < np.log(found.high / found.low)
+
+
 def test_a_single_seed_has_no_interval():
     found = shared_episodes(np.full((1, 100), 4.0))
     assert found.value == 2.0

@@ -16,7 +16,9 @@ from agents.controllers.with_observer import WithObserver
 from agents.evaluation.aggregates import proportion
 from agents.evaluation.headroom import CLASSICAL, read_scores
 from agents.evaluation.rigs import CONTROLLERS, read_robustness, variant_of
+from agents.evaluation.sealed import read_sealed
 from agents.policies import load_policy
+from agents.report import results_page
 from agents.report.published import page as published_page
 from agents.report.published import read_published, scored_again
 from agents.report.results_page import BEST, _look, page
@@ -105,6 +107,32 @@ class TestStatistics:
         held_out = cell(np.full((4, 1), 0.5) * self.episodes, validation=[2.0])
         cells = [lucky, few, held_out, steady]
         assert OnTask(TASK, None, cells, {}, np.empty(0)).best is steady
+
+    def test_ties_differ_from_the_best_by_less_than_their_scatter(self):
+        spread = np.linspace(0.97, 1.03, 8)[:, None]
+        cells = [
+            Cell(TASK, name, [training(row, k) for k, row in enumerate(level * spread * own)])
+            for name, level, own in (
+                ("gradient", 1.0, self.episodes),
+                ("recurrent", 1.005, self.episodes),
+                ("ppo", 1.04, self.episodes),
+                ("sac", 1.04, np.roll(self.episodes, 1)),  # other episodes are expensive
+            )
+        ]
+        few = Cell(TASK, "residual", [training(self.episodes)])  # says nothing of other seeds
+        on_task = OnTask(TASK, None, [*cells, few], {}, np.empty(0))
+        assert on_task.best.algorithm == "gradient"
+        assert on_task.ties == ["recurrent", "sac"]
+
+
+def test_page_names_tasks_whose_best_agent_has_no_sealed_score(monkeypatch):
+    sealed = read_sealed()
+    monkeypatch.setattr(results_page, "read_sealed", lambda: sealed)
+    told = "On {} the best agent of this page has no sealed score"
+    assert told.format("PreStretch") not in page(COMMITTED, "results")
+    rows = sealed["tasks"]["mm_gym/PreStretch-v0"]["rows"]
+    rows[:] = [row for row in rows if row["role"] != "agent"]
+    assert "PreStretch the best agent of this page has no sealed" in page(COMMITTED, "results")
 
 
 def test_lines_of_all_algorithms_look_different():
