@@ -91,7 +91,7 @@ class Descent(Following):
 
     def _slope(self, seeds: list[int], fade: float) -> float:
         settings, left = self.settings, iter(seeds)
-        inwards = 0.0 if settings.scene is None else 1.0 - self.done
+        inwards = 1.0 - self.done if settings.inwards else 0.0
         for episodes, network in self.parts:
             episodes.run(network, list(islice(left, episodes.lanes)))
             episodes.back(network, fade, settings.feedback, inwards=inwards)

@@ -54,6 +54,9 @@ class GradientSettings(SearchSettings):
     feedback: Annotated[float, Field(ge=0, le=1)] = 1.0
     """fraction of the slopes over observations that is followed back to earlier motion; 1 is the
     exact gradient, less is steadier; not allowed with a cell, for which it is 1"""
+    inwards: bool = False
+    """whether an action beyond its limits follows slopes that lead back within them, less and less
+    over the run; on your own scene it does; not allowed with a cell"""
     floor: Positive = 0.05
     """floor of the correlation units' denominators; a smaller one switches more sharply; for your
     own scene the best of three"""
@@ -65,7 +68,8 @@ class GradientSettings(SearchSettings):
     @property
     def unused(self) -> dict[str, str]:
         """What a cell has of its own, or torch does not follow; a task's file may have it."""
-        return dict.fromkeys(("oscillators", "feedback") if self.cell else (), "with cell = 0")
+        names = ("oscillators", "feedback", "inwards") if self.cell else ()
+        return dict.fromkeys(names, "with cell = 0")
 
     @model_validator(mode="after")
     def _learns_one_scene_with_a_cell(self) -> Self:
@@ -92,7 +96,7 @@ def schedule(settings: GradientSettings, done: float) -> tuple[float, float]:
 def fitted(settings: GradientSettings, scene: Scene) -> GradientSettings:
     """Return settings with what is not asked for chosen for the scene."""
     steps = periods(scene)
-    chosen: dict[str, float] = {"episodes": max(8, FRAMES // scene.control.steps)}
+    chosen: dict[str, float] = {"episodes": max(8, FRAMES // scene.control.steps), "inwards": True}
     if scene.actuation.names == ("force",):
         chosen["rate"] = FORCE_RATE
     if steps.size:

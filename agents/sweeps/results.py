@@ -32,7 +32,7 @@ from agents.sweeps.trials import (
 )
 from agents.training.config import RunSettings
 from agents.training.parts import agent_of, recorded_parts
-from agents.training.runs import Run, RunError, read_checked
+from agents.training.runs import Run, RunError, by_dotted_name, read_checked
 from mm_gym import Scene, load_scene
 from mm_gym.arrays import Array
 from mm_gym.errors import refuse
@@ -311,7 +311,14 @@ def _observed(placed: Training, scene: Scene, run: Run) -> Training:
 
 
 def _digest(trial: RunSettings) -> str:
-    text = trial.model_dump_json(exclude={"seed", "name"})
+    """Return a digest of what a training has set.
+
+    What is off or has no effect has no part in it: a setting that there was not yet was off.
+    """
+    apart = {"seed", "name", *trial.unused}
+    settings = by_dotted_name(json.loads(trial.model_dump_json(exclude=apart)))
+    kept = {name: one for name, one in settings.items() if one is not None and one is not False}
+    text = json.dumps(kept, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

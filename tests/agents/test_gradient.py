@@ -265,6 +265,18 @@ class TestGradients:
         # But for what earlier actions change by way of later ones.
         assert slopes[2] == pytest.approx(0.5 * slopes[1], rel=0.05)
 
+    def test_task_asks_for_slopes_that_lead_inwards(self, monkeypatch):
+        asked = GradientSettings.of({"task": "mm_gym/CarriageForce-v0", "episodes": 8})
+        found = []
+        monkeypatch.setattr(
+            Episodes, "back", lambda *_, inwards: found.append(inwards) or np.float64(1.0)
+        )
+        for inwards in (False, True):
+            search = Descent(asked.model_copy(update={"inwards": inwards}), asked.load_scene())
+            for search.rounds in (0, 150, 600):
+                search._slope(list(range(8)), 1.0)
+        assert found == [0.0, 0.0, 0.0, 1.0, 0.75, 0.0]
+
     def test_memory_is_shortened_only_where_it_is_too_long(self):
         draw = np.random.default_rng(0).standard_normal((6, 6))
         turned, _ = np.linalg.qr(draw)

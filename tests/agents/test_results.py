@@ -17,6 +17,7 @@ from agents.evaluation.aggregates import proportion
 from agents.evaluation.headroom import CLASSICAL, read_scores
 from agents.evaluation.rigs import CONTROLLERS, read_robustness, variant_of
 from agents.evaluation.sealed import read_sealed
+from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
 from agents.report import results_page
 from agents.report.published import page as published_page
@@ -28,6 +29,7 @@ from agents.sweeps.results import (
     Cell,
     Earlier,
     OnTask,
+    _digest,
     cells_of,
     known_names,
     merged,
@@ -36,7 +38,7 @@ from agents.sweeps.results import (
     with_references,
 )
 from agents.sweeps.trials import EPISODES, LEARNERS
-from agents.training.config import CONFIGS, read_settings
+from agents.training.config import CONFIGS, TrainSettings, read_settings
 from mm_gym import SceneError, load_scene
 from mm_gym.tasks import ids
 
@@ -289,6 +291,17 @@ class TestFile:
         (tmp_path / "results.json").write_text('{"rows": []}')
         with pytest.raises(SceneError, match="not a file of results: controllers: Field required"):
             read_results(tmp_path / "results.json")
+
+
+def test_setting_that_is_off_or_without_effect_makes_no_other_training():
+    trial = GradientSettings.of({"task": TASK, "seed": 3})
+    assert _digest(trial) == _digest(trial.model_copy(update={"seed": 4, "name": "other"}))
+    assert _digest(trial) != _digest(trial.model_copy(update={"inwards": True}))
+    assert _digest(trial) != _digest(trial.model_copy(update={"extra": 1}))
+    recurrent = trial.model_copy(update={"cell": 8})
+    assert _digest(recurrent) == _digest(recurrent.model_copy(update={"inwards": True}))
+    train = TrainSettings.of({"task": TASK, "algorithm": "sac"})
+    assert _digest(train) != _digest(TrainSettings.of({"task": TASK}))
 
 
 def lqr(scene, name):

@@ -1,5 +1,6 @@
 """Are wrong settings of a training refused by name, before anything is written?"""
 
+import json
 import os
 
 import kills
@@ -278,18 +279,28 @@ def test_flags_of_a_start_and_of_a_base_exclude_each_other(asked, words, monkeyp
         read_from(monkeypatch, EvolveSettings, "CarriageForce", *asked)
 
 
-@pytest.mark.parametrize("flag", ["--feedback", "--oscillators"])
+@pytest.mark.parametrize(
+    ("flag", "value"), [("--feedback", 1), ("--oscillators", 1), ("--inwards", True)]
+)
 def test_settings_without_effect_on_a_cell_are_refused_where_they_are_asked_for(
-    flag, tmp_path, monkeypatch
+    flag, value, tmp_path, monkeypatch
 ):
     words = f"{flag[2:]}: got a setting without effect; allowed: with cell = 0"
     with pytest.raises(SceneError, match=words):
-        read_from(monkeypatch, GradientSettings, "PreStretchShock", "--cell", "4", flag, "1")
+        read_from(
+            monkeypatch,
+            GradientSettings,
+            "PreStretchShock",
+            "--cell",
+            "4",
+            flag,
+            *[] if value is True else [str(value)],
+        )
     file = tmp_path / "own.toml"
-    file.write_text(f"cell = 4\n{flag[2:]} = 1\n")
+    file.write_text(f"cell = 4\n{flag[2:]} = {json.dumps(value)}\n")
     with pytest.raises(SceneError, match=words):
         read_from(monkeypatch, GradientSettings, str(file))
-    sweep = SweepSettings(algorithms=("recurrent",), settings={"cell": 4, flag[2:]: 1})
+    sweep = SweepSettings(algorithms=("recurrent",), settings={"cell": 4, flag[2:]: value})
     with pytest.raises(SceneError, match=words):
         sweep.trials()
 
