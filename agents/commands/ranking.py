@@ -1,9 +1,9 @@
-"""Rank all that is known on each task.
+"""Rank all controllers and agents that have been scored on each task.
 
 Scores the runs on the hundred episodes of ``docs/task_scores.json``, adds them to it, and writes
 ``docs/ranking.md`` and ``docs/tasks.md`` from it. A new score replaces an earlier one.
 ``--controllers`` also scores the named classical controllers, on all tasks that they apply to or on
-those of ``--tasks``, and ``--published`` the published policies that are new.
+those of ``--tasks``. ``--published`` also scores new published policies.
 """
 
 import json
@@ -41,7 +41,7 @@ class Arguments:
     tasks: tuple[str, ...] = ()
     """names such as Hybrid, on which these are scored; by default all of mm_gym"""
     published: bool = False
-    """score the published policies too that have not the cost of docs/published.md here"""
+    """also score the published policies whose cost in docs/published.md the scores do not have"""
 
 
 def of_controllers(names: Sequence[str], tasks: Sequence[str]) -> Iterator[tuple[str, Row]]:
@@ -113,7 +113,7 @@ def of_runs(scores: dict[str, dict[str, Any]], text: str) -> Iterator[tuple[str,
 def of_published(scores: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Row]]:
     """Yield the tasks and rows of the published policies whose costs the scores do not have.
 
-    A cost that differs by rounding alone is that which is published.
+    If a cost differs from the published one by rounding alone, the row has the published one.
     """
     new = [row for row in read_published().rows if not _has(scores.get(row.task), row)]
     for row, scene, agent in published_agents(Published(rows=new), scores):

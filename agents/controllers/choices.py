@@ -1,7 +1,7 @@
-"""What searches choose when a controller is made, so that it is made again without them.
+"""The numbers that searches choose while a controller is designed.
 
-A search asks `chosen` for its number. The numbers stand in the order in which they are asked for,
-and what is made is the same whenever the answers are.
+With the same numbers the design is repeated without the searches. A search asks `chosen` for its
+number; the numbers are in the order in which they are asked for.
 """
 
 from collections import deque
@@ -23,9 +23,10 @@ _KNOWN: ContextVar[deque[float] | None] = ContextVar("known", default=None)
 def recorded(
     make: Callable[[], Made], numbers: Sequence[float] | None = None
 ) -> tuple[Made, Sequence[float]]:
-    """Return what is made, and the numbers that its searches chose, or chose before if known.
+    """Return what is made, and the numbers that its searches chose.
 
-    Raise `SceneError` if known numbers are not as many as are asked for, or not of the kind.
+    With the numbers of an earlier call nothing is searched. Raise `SceneError` if there are more or
+    fewer of them than are asked for, or if one that must be a place is none.
     """
     if numbers is None:
         noted: list[float] = []
@@ -40,21 +41,21 @@ def recorded(
 
 
 def is_remade() -> bool:
-    """Tell whether what is being made takes numbers that are known."""
+    """Tell whether the design in progress uses known numbers in place of searches."""
     return _KNOWN.get() is not None
 
 
 def note(numbers: Iterable[float]) -> None:
-    """Note numbers that were chosen, for what is being made."""
+    """Add chosen numbers to the record of the design in progress, if there is one."""
     noted = _NOTED.get()
     if noted is not None:
         noted.extend(numbers)
 
 
 def chosen(search: Callable[[], float]) -> float:
-    """Return the number that a search finds, or the one that is known.
+    """Return the known number, or else the one that a search finds.
 
-    What the search makes and drops is not noted.
+    Numbers of the designs that the search tries are not recorded.
     """
     known = _KNOWN.get()
     if known is None:
@@ -68,7 +69,7 @@ def chosen(search: Callable[[], float]) -> float:
 
 
 def chosen_place(search: Callable[[], int], count: int) -> int:
-    """Return the place among so many that a search finds, or the one that is known."""
+    """Return the known place in a list of `count`, or else the one that a search finds."""
     place = chosen(search)
     if place not in range(count):
         _refuse(f"{place:g} as a place among {count}", f"0 to {count - 1}")

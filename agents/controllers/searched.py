@@ -60,7 +60,7 @@ def least(tried: Iterable[Tried], cost: Callable[[Tried, float], float]) -> tupl
 
 
 def chosen_of(tried: Sequence[Tried], cost: Callable[[Tried, float], float]) -> Tried:
-    """Return what costs least, as `least` does, or what was chosen of as many before."""
+    """Return the candidate of least cost, as `least` does, or the one at the known place."""
     places = range(len(tried))
 
     def search() -> int:

@@ -166,9 +166,9 @@ def shared_episodes(penalties: Array, reference: Array | None = None) -> Estimat
 
 
 def _middle(penalties: Array) -> tuple[float, float, Array]:
-    """Return the interquartile mean of the seeds' costs, and what its logarithm depends on.
+    """Return the interquartile mean of the seeds' costs, and two properties of its logarithm.
 
-    It is the margin over seeds, 0 of a single one, and (episodes,) the slope over the penalties.
+    These are the margin over seeds, 0 for a single seed, and the slopes (episodes,) over penalties.
     """
     seeds = len(penalties)
     costs = np.sqrt(penalties.mean(axis=1))

@@ -55,8 +55,9 @@ class GradientSettings(SearchSettings):
     """fraction of the slopes over observations that is followed back to earlier motion; 1 is the
     exact gradient, less is steadier; not allowed with a cell, for which it is 1"""
     inwards: bool = False
-    """whether an action beyond its limits follows slopes that lead back within them, less and less
-    over the run; on your own scene it does; not allowed with a cell"""
+    """whether an action beyond its limit has the slope just inside the limit, if this leads back
+    inside; its fraction falls from 1 to 0 over the run; by default on for your own scene; not
+    allowed with a cell"""
     floor: Positive = 0.05
     """floor of the correlation units' denominators; a smaller one switches more sharply; for your
     own scene the best of three"""

@@ -311,9 +311,10 @@ def _observed(placed: Training, scene: Scene, run: Run) -> Training:
 
 
 def _digest(trial: RunSettings) -> str:
-    """Return a digest of what a training has set.
+    """Return a digest of a training's settings.
 
-    What is off or has no effect has no part in it: a setting that there was not yet was off.
+    It leaves out settings that are off or have no effect. A setting that is added to the project
+    later, and is off by default, therefore does not change the digests of older trainings.
     """
     apart = {"seed", "name", *trial.unused}
     settings = by_dotted_name(json.loads(trial.model_dump_json(exclude=apart)))

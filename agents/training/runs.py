@@ -263,7 +263,7 @@ class Run:
         return not self.finished and not self._differences(settings)
 
     def numbers(self, settings: RunSettings) -> list[float] | None:
-        """Return the numbers of the base of the run that training with settings goes on with."""
+        """Return the recorded numbers of the base, if training with settings continues the run."""
         if not os.path.lexists(self.record) or self._differences(settings):
             return None
         return self.read().get("numbers")
