@@ -133,7 +133,7 @@ def report_run(
     if policy is None:
         run.require_finished()
     if reward is None:
-        parts = recorded_parts(run.scene(), record, trust=trust)
+        parts = recorded_parts(run.scene(), record, run.record, trust=trust)
         scene = parts.scene
     else:  # asked for, so its file may be run, and the run's own only where a part is tuned by it
         scene = rewarded(run.scene(), reward)

@@ -16,27 +16,34 @@ from mm_gym.errors import refuse
 Kept = TypeVar("Kept")
 Made = TypeVar("Made")
 
+WHAT = "a searched controller"
+
 _NOTED: ContextVar[list[float] | None] = ContextVar("noted", default=None)
 _KNOWN: ContextVar[deque[float] | None] = ContextVar("known", default=None)
 
 
 def recorded(
-    make: Callable[[], Made], numbers: Sequence[float] | None = None
+    make: Callable[[], Made], numbers: Sequence[float] | None = None, file: object = "run.json"
 ) -> tuple[Made, Sequence[float]]:
     """Return what is made, and the numbers that its searches chose.
 
-    With the numbers of an earlier call nothing is searched. Raise `SceneError` if there are more or
-    fewer of them than are asked for, or if one that must be a place is none.
+    With the numbers of an earlier call nothing is searched. Raise `SceneError`, which names their
+    file, if there are more or fewer of them than are asked for, or nothing can be made with them.
     """
     if numbers is None:
         noted: list[float] = []
         with _with(_NOTED, noted):
             return make(), noted
     known = deque(numbers)
-    with _with(_KNOWN, known):
-        made = make()
-    if known:
-        _refuse(f"{len(numbers)} numbers", f"{len(numbers) - len(known)}")
+    try:
+        with _with(_KNOWN, known):
+            made = make()
+        if known:
+            refuse(WHAT, f"{len(numbers)} numbers", f"{len(numbers) - len(known)}")
+    except (ArithmeticError, ValueError) as error:  # this project's errors among them
+        advice = "restore the file, or delete its `numbers`: the controller is then searched anew"
+        msg = f"{file}: numbers: {error.args[-1]}; {advice}"
+        raise SceneError(msg) from error
     return made, numbers
 
 
@@ -64,7 +71,7 @@ def chosen(search: Callable[[], float]) -> float:
         note([found])
         return found
     if not known:
-        _refuse("fewer numbers than are asked for", "all of them")
+        refuse(WHAT, "fewer numbers than are asked for", "all of them")
     return known.popleft()
 
 
@@ -72,13 +79,8 @@ def chosen_place(search: Callable[[], int], count: int) -> int:
     """Return the known place in a list of `count`, or else the one that a search finds."""
     place = chosen(search)
     if place not in range(count):
-        _refuse(f"{place:g} as a place among {count}", f"0 to {count - 1}")
+        refuse(WHAT, f"{place:g} as a place among {count}", f"0 to {count - 1}")
     return int(place)
-
-
-def _refuse(got: str, allowed: str) -> None:
-    advice = "restore the record, or delete its `numbers`: the controller is then searched anew"
-    refuse("numbers of a searched controller", got, f"{allowed}; {advice}", SceneError)
 
 
 @contextmanager

@@ -221,7 +221,7 @@ def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     Raise as `Search.finish` does, and, before a folder is made, `SceneError`, `CompileError` or
     `DesignError` if there is nothing to search on, or the law does not apply.
     """
-    search = Evolution(settings, settings.rewarded_scene(), run.numbers(settings))
+    search = Evolution(settings, settings.rewarded_scene(), run)
     with closing(search):
         search.finish(run, bar=bar)
 
@@ -237,14 +237,12 @@ class Evolution(Search):
 
     unit = "generation"
 
-    def __init__(
-        self, settings: EvolveSettings, scene: Scene, numbers: Sequence[float] | None = None
-    ) -> None:
+    def __init__(self, settings: EvolveSettings, scene: Scene, run: Run | None = None) -> None:
         super().__init__(settings, scene)
         self.settings: EvolveSettings = settings
         generator = np.random.default_rng(settings.seed)
         odd, own = scene.actuation.names == ("force",), settings.scene is not None
-        around, scales = make_parts(settings, numbers), None
+        around, scales = make_parts(settings, run), None
         base, law, self.numbers = around.base, around.scheduled, around.numbers
         if base is None and settings.base is not None:
             raise not_a_law(settings.base, scene, "base", "or FILE.py:NAME")

@@ -172,7 +172,8 @@ def controller_of(row: Row, scene: Scene, folder: Path = FOLDER) -> Controller:
         raise PolicyError(msg)
     settings = row.model_dump(include={"base", "authority", "schedules"})
     record = {"settings": settings, "numbers": row.numbers}
-    return recorded_parts(scene, record, trust=False).controller(load_policy(file))
+    parts = recorded_parts(scene, record, f"{folder / RECORD}: {row.name}", trust=False)
+    return parts.controller(load_policy(file))
 
 
 def scored_again(published: Published, folder: Path = FOLDER) -> Iterator[tuple[Row, float]]:

@@ -302,7 +302,7 @@ def _key(one: Training) -> tuple[object, ...]:
 def _observed(placed: Training, scene: Scene, run: Run) -> Training:
     """Return the row of a run's agent on another scene, with an observer."""
     record = run.read()
-    parts = recorded_parts(load_scene(task_of(placed.task)), record, trust=True)
+    parts = recorded_parts(load_scene(task_of(placed.task)), record, run.record, trust=True)
     agent = WithObserver(scene, agent_of(run, parts))
     result = evaluate(scene, agent, episodes=EPISODES)
     update = _held_out(result) | {"cost": result.cost, "seconds": placed.seconds[-1:]}

@@ -65,13 +65,14 @@ class Parts:
         return Feedback(self.scene, law, self.base.source)
 
 
-def make_parts(settings: RunSettings, numbers: Sequence[float] | None = None) -> Parts:
+def make_parts(settings: RunSettings, run: Run | None = None) -> Parts:
     """Return the parts of a training; files that its settings name are run.
 
-    The base is made with the numbers that its searches chose before, if they are known. Raise
-    `SceneError` if a part cannot be made.
+    The base is made with the numbers that its searches chose before, if it goes on with a run that
+    has them. Raise `SceneError` if a part cannot be made.
     """
-    return _parts(settings.rewarded_scene(), settings.model_dump(), numbers)
+    scene, asked = settings.rewarded_scene(), settings.model_dump()
+    return _parts(scene, asked, *((run.numbers(settings), run.record) if run else ()))
 
 
 def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:
@@ -84,13 +85,15 @@ def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:
     if ending is None or ending.returned is None:
         return parts.controller(load_policy(run.policy), name)
     make = partial(base_controller, parts.scene, ending.returned)
-    controller = copy.copy(recorded(make, ending.numbers)[0])  # some are cached
+    controller = copy.copy(recorded(make, ending.numbers, run.ending)[0])  # some are cached
     controller.name = name
     return controller
 
 
-def recorded_parts(scene: Scene, record: Mapping[str, Any], *, trust: bool) -> Parts:
-    """Return the parts of a run, from its scene and what its record says (`Record`).
+def recorded_parts(
+    scene: Scene, record: Mapping[str, Any], file: object = "run.json", *, trust: bool
+) -> Parts:
+    """Return the parts of a run, from its scene and what its record in a file says (`Record`).
 
     The record's own reward is added to the scene, if it has one and the settings name it. Raise
     `PolicyError` if they are in a file of the user's, which would be run, and it is not trusted;
@@ -105,7 +108,7 @@ def recorded_parts(scene: Scene, record: Mapping[str, Any], *, trust: bool) -> P
             "and report allow it with --trust"
         )
         raise PolicyError(msg)
-    return _parts(rewarded(scene, reward), settings, record.get("numbers"))
+    return _parts(rewarded(scene, reward), settings, record.get("numbers"), file)
 
 
 def trained_parts(run: Run, *, trust: bool, asked: OwnReward | None = None) -> Parts:
@@ -123,7 +126,7 @@ def trained_parts(run: Run, *, trust: bool, asked: OwnReward | None = None) -> P
         settings = settings | {"reward": None}
     elif asked is not None and asked.given == settings.get("reward"):
         scene, settings = rewarded(scene, asked), settings | {"reward": None}
-    parts = recorded_parts(scene, record | {"settings": settings}, trust=trust)
+    parts = recorded_parts(scene, record | {"settings": settings}, run.record, trust=trust)
     _require_unchanged(run, parts)
     return parts
 
@@ -169,11 +172,16 @@ def base_controller(scene: Scene, base: str, what: str = "base") -> Controller:
         raise SceneError(msg) from error
 
 
-def _parts(scene: Scene, settings: Mapping[str, Any], numbers: Sequence[float] | None) -> Parts:
+def _parts(
+    scene: Scene,
+    settings: Mapping[str, Any],
+    numbers: Sequence[float] | None = None,
+    file: object = "run.json",
+) -> Parts:
     base, schedules = settings.get("base"), settings.get("schedules", False)
     added: Controller | None = None
     if base is not None and base != NO_BASE:
-        added, numbers = recorded(partial(base_controller, scene, base), numbers)
+        added, numbers = recorded(partial(base_controller, scene, base), numbers, file)
     law = adjustable(added) if schedules else None
     if schedules and law is None:
         refuse(

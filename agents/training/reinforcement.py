@@ -61,7 +61,7 @@ def train(
     """
     algorithm_class(settings.algorithm)
     settings = for_own_scene(settings, run)
-    parts = make_parts(settings, run.numbers(settings))
+    parts = make_parts(settings, run)
     search = Reinforcement(settings, parts, run, report)
     search.finish(run, bar=bar)
     search.model.env.close()

@@ -74,7 +74,8 @@ def test_numbers_that_are_not_of_the_controller_are_refused() -> None:
         ([40.0, 0.1], "got 40 as a place"),
     ):
         with pytest.raises(SceneError, match=told) as error:
-            recorded(make, numbers)
+            recorded(make, numbers, "here.json")
+        assert str(error.value).startswith("here.json: numbers: a searched controller: got")
         assert "delete its `numbers`" in str(error.value)
 
 
@@ -149,6 +150,7 @@ def test_run_of_an_earlier_version_searches_its_base(tmp_path: Path) -> None:
         ([float("nan")], "NaN"),
         ([], "got fewer numbers"),
         ([0.1, 0.2], "got 2 numbers; allowed: 1"),
+        ([400.0], "Numerical result out of range"),
     ],
 )
 def test_damaged_numbers_of_a_run_are_refused(
@@ -156,8 +158,10 @@ def test_damaged_numbers_of_a_run_are_refused(
 ) -> None:
     run = _evolve(tmp_path)
     run.record.write_text(json.dumps(run.read() | {"numbers": numbers}))
-    with pytest.raises((RunError, SceneError), match=told):
-        trained_parts(run, trust=False)
+    for load in (lambda: trained_parts(run, trust=False), lambda: _evolve(tmp_path, generations=2)):
+        with pytest.raises((RunError, SceneError), match=told) as error:
+            load()
+        assert str(error.value).startswith(f"{run.record}: ")
 
 
 def test_run_keeps_the_numbers_of_the_controller_that_it_returns(
@@ -175,3 +179,7 @@ def test_run_keeps_the_numbers_of_the_controller_that_it_returns(
     cost = validation_cost(own, laws(own)[best.name](own))
     _unsearched(monkeypatch)
     assert validation_cost(own, agent_of(run, Parts(own))) == cost
+    ending.numbers = [400.0]
+    ending.write(run)
+    with pytest.raises(SceneError, match=r"end\.json: numbers: Numerical"):
+        agent_of(run, Parts(own))

@@ -157,6 +157,13 @@ def test_damaged_record_is_named(folder, fields, words):
         read_published(folder)
 
 
+def test_damaged_numbers_are_named_with_their_policy(folder):
+    change(folder, base="velocity-feedback", numbers=[0.1, 0.2])
+    name = RECORDED.rows[0].name
+    with pytest.raises(SceneError, match=f"published.json: {name}: numbers: .* got 2 numbers"):
+        list(scored_again(read_published(folder), folder))
+
+
 def test_flags_that_have_no_effect_are_refused(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["evaluate", "lqr", "--published"])
     assert command.main() == "error: --published: got lqr too; allowed: nothing else to evaluate"
