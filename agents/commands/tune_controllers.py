@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 
 import tyro
+from filelock import lock_descriptor
 
 from agents.controllers.registry import MOST_BYTES, NUMBERS, Tunable, entries, read_found
 from agents.controllers.searched import REFUSED, finalists, further_cost, trials
@@ -26,7 +27,7 @@ from agents.errors import command
 from agents.scoring import written
 from mm_gym import DesignError, Scene, SceneError, load_scene
 from mm_gym.errors import refuse, suggest
-from mm_gym.files import check_outputs, read_json, write_text
+from mm_gym.files import check_outputs, open_lock, read_json, write_text
 from mm_gym.tasks import ids, task_or_scene
 
 RUNS = Path("runs") / "controllers"  # where the costs of a search are kept until it ends
@@ -119,6 +120,15 @@ def _keep(file: Path, head: dict[str, Any], costs: list[float]) -> None:
     write_text(file, json.dumps({**head, "costs": costs}) + "\n")
 
 
+def add(file: Path, task: str, scene: Scene, name: str, found: dict[str, Any]) -> None:
+    """Write what was found to a file; what it has stays, also if others write to it meanwhile."""
+    file = file.resolve()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with os.fdopen(open_lock(file.with_name(f".{file.name}.lock"))) as lock:
+        lock_descriptor(lock.fileno())  # until it is closed
+        write_text(file, json.dumps(_with(file, task, scene, name, found), indent=1) + "\n")
+
+
 def _with(
     file: Path, task: str, scene: Scene, name: str, found: dict[str, Any]
 ) -> dict[str, dict[str, Any]]:
@@ -174,7 +184,6 @@ def main(arguments: Arguments) -> None:
             start = None if begun is None else tunable.numbers(begun)
             file = RUNS / f"{scene.digest[:16]}-{name}-{arguments.seed}.json"
             found = tune(scene, tunable, arguments.trials, arguments.seed, file, start=start)
-            known = _with(out, str(task), scene, name, found)
-            write_text(out, json.dumps(known, indent=1) + "\n")
+            add(out, str(task), scene, name, found)
             file.unlink(missing_ok=True)
             print(f"{task}: {name}: {found['first_cost']} -> {found['cost']}", flush=True)

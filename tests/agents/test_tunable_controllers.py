@@ -1,19 +1,22 @@
 """Controllers with free numbers: what they do on their scenes, and how the numbers are searched."""
 
 import json
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH_SHOCK, TASKS
 
-from agents.commands.tune_controllers import main, tunables, tune
+from agents.commands import tune_controllers
+from agents.commands.tune_controllers import add, main, tunables, tune
 from agents.control.controller import part
 from agents.controllers.inertial_drive import HOLD, INERTIAL_DRIVE, PUSH, RETURN
 from agents.controllers.registry import Free, Tunable, every_entry, laws, obstacle, read_found
 from agents.controllers.searched import FINALISTS, trials
 from agents.scoring import VALIDATION_SEED, evaluate
-from mm_gym import MovingMassVectorEnv, SceneError, load_scene
+from mm_gym import MovingMassVectorEnv, SceneError, files, load_scene
 from mm_gym.tasks import robust_ids
 
 DUFFING = TASKS["mm_gym/CarriageForceDuffing-v0"]
@@ -210,6 +213,19 @@ def test_command_writes_numbers_that_it_goes_on_to_after_an_interruption(
     whole, parts = (json.loads(Path(f"{n}.json").read_text()) for n in ("whole", "parts"))
     assert whole == parts
     assert list(Path("runs").rglob("*.json")) == []
+
+
+def test_results_that_are_written_at_once_are_all_kept(tmp_path, monkeypatch):
+    def write(*written):  # so slowly that the next one reads meanwhile
+        time.sleep(0.1)
+        files.write_text(*written)
+
+    monkeypatch.setattr(tune_controllers, "write_text", write)
+    out, found = tmp_path / "new" / "found.json", FOUND["mm_gym/CarriageForceFriction-v0"]
+    one = next(iter(found.controllers.values())).model_dump()
+    with ThreadPoolExecutor() as pool:  # the lock is of each opened file, as those of processes
+        list(pool.map(lambda name: add(out, "any", CARRIAGE_FORCE, name, one), "abc"))
+    assert set(read_found(out)["any"].controllers) == {*"abc"}
 
 
 def test_command_starts_from_the_numbers_of_another_task(quick, tmp_path, monkeypatch):
