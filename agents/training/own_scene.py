@@ -80,18 +80,21 @@ QUIET, LOUD = 0.01, 0.6  # least and largest standard deviation of the explorati
 def for_own_scene(settings: TrainSettings, run: Run) -> TrainSettings:
     """Return settings with what is not asked for measured, if the scene is one's own.
 
-    A run that goes on keeps the base of its record.
+    A run that goes on keeps the base of its record, and what was measured for it.
     """
     if settings.scene is None:
         return settings
     scene, chosen, base = settings.rewarded_scene(), settings.chosen, settings.base
-    if base is None and os.path.lexists(run.record):
-        base = run.read()["settings"].get("base") or NO_BASE
+    before = run.read()["settings"] if os.path.lexists(run.record) else {}
+    if base is None and before:
+        base = before.get("base") or NO_BASE
     base = base or best_controller(scene, plans=False).name
-    changes: dict[str, object] = {}
-    if "discount" not in chosen.model_fields_set:
+    measured = {"discount", "initial_log_std"} - chosen.model_fields_set
+    known: dict[str, object] = before.get(settings.algorithm) or {}
+    changes = {name: known[name] for name in measured & known.keys()}
+    if "discount" in measured - known.keys():
         changes["discount"] = discount_of(scene)
-    explores = isinstance(chosen, PPOSettings) and "initial_log_std" not in chosen.model_fields_set
+    explores = isinstance(chosen, PPOSettings) and "initial_log_std" in measured - known.keys()
     if explores and base != NO_BASE:
         (sizes,) = sizes_under(scene, base_controller(scene, base), lambda one: [one.action])
         size = max(LEAST, np.sqrt(np.mean(sizes**2)))

@@ -493,7 +493,13 @@ def test_reinforcement_on_an_own_scene_begins_at_its_best_controller(
     assert ending is not None
     assert ending.cost is not None
     assert ending.cost <= validation_cost(scene, LQG(scene))
-    train(settings, run, bar=False)  # the same command goes on, with the base of the record
+    # The same command goes on, with what the record has, and measures nothing again.
+    for name in ("best_controller", "base_controller", "discount_of", "sizes_under"):
+        monkeypatch.setattr(own_scene, name, lambda *_, **__: pytest.fail("measured again"))
+    train(settings, run, bar=False)
+    longer = settings.model_copy(update={"steps": 800})
+    train(longer, run, bar=False)
+    assert run.read()["settings"] == record | {"steps": 800}
 
 
 def test_what_a_user_asks_for_and_tasks_are_left_alone(tmp_path: Path):
