@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 from scipy.optimize import minimize, root
 
 from mm_gym.analysis.linear import Linear, characteristic, linear_values
@@ -41,7 +42,7 @@ from mm_gym.tuning.transfer import (
 
 CRITERIA = ("h_infinity", "h2", "stability")
 
-GRID = 24  # points of the grid on which the search begins, each way
+GRID = 32  # points of the grid on which the search begins, each way
 
 STARTS, APART, WORSE = 3, 3.0, 1.5
 """It continues from so many points of the grid at most, so many of its spacings apart, and none
@@ -49,6 +50,8 @@ that is worse by more than this factor than the best."""
 
 ROUGH = np.concatenate([[0.0], np.geomspace(0.01, 100.0, 60)])
 """Frequencies over w1 at which the grid's amplitudes are looked at."""
+
+MINIMA = 10  # the same for stability, whose eigenvalues meet and part along many curves
 
 PAIRS = 5  # values of each unknown from which a double pair of eigenvalues is looked for
 
@@ -118,19 +121,21 @@ def search(problem: Problem) -> Linear:
     """Return the coefficients, without dimension, that minimise a problem's criterion."""
     starts = _starts(problem)
     improve = {"h_infinity": _minimax, "h2": _smooth, "stability": _slowest}[problem.goal.criterion]
-    found = [improve(problem, start) for start in starts]
-    return problem.at(min(found, key=problem.measure))
+    best = min((improve(problem, start) for start in starts), key=problem.measure)
+    if problem.goal.criterion == "stability" and problem.has_springs:
+        best = _coinciding(problem, best)
+    return problem.at(best)
 
 
 def _starts(problem: Problem) -> list[Array]:
-    """Return the best points of a grid."""
+    """Return the best points of a grid; for stability its local minima, as it has many."""
     axes = [np.linspace(low, high, GRID if high > low else 1) for low, high in problem.bounds]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
     if problem.goal.criterion == "h_infinity":  # an estimate from below takes less time
         sizes = np.array([rough_peak(problem.transfer(point), ROUGH) for point in points])
     else:
         sizes = np.array([problem.measure(point) for point in points])
-    order = np.argsort(sizes)
+    order, most = np.argsort(sizes), STARTS
     least = sizes[order[0]]
     if not np.isfinite(least) or least == 0.0:
         excitation, channel, criterion = problem.goal
@@ -140,10 +145,13 @@ def _starts(problem: Problem) -> list[Array]:
             "stiffness; choose another channel or criterion"
         )
         raise DesignError(msg)
+    if problem.goal.criterion == "stability":
+        around = minimum_filter(sizes.reshape([len(axis) for axis in axes]), 3, mode="nearest")
+        order, most = order[(sizes == around.ravel())[order]], MINIMA
     spacing = np.array([max(high - low, 1.0) / GRID for low, high in problem.bounds])
     chosen: list[Array] = []
     for k in order:
-        if len(chosen) == STARTS or sizes[k] > least + (WORSE - 1.0) * abs(least):
+        if len(chosen) == most or sizes[k] > least + (WORSE - 1.0) * abs(least):
             break
         if all(np.abs((points[k] - point) / spacing).max() >= APART for point in chosen):
             chosen.append(points[k])
@@ -229,7 +237,7 @@ def _epigraph(problem: Problem, start: Array, split: float) -> Array:
 
 
 def _slowest(problem: Problem, start: Array) -> Array:
-    """Minimise the largest real part, by simplex and then as a double pair of eigenvalues."""
+    """Minimise the largest real part by simplex."""
     found = minimize(
         problem.measure,
         start,
@@ -237,12 +245,17 @@ def _slowest(problem: Problem, start: Array) -> Array:
         method="Nelder-Mead",
         options={"xatol": 1e-12, "fatol": 1e-15, "maxiter": 4000, "maxfev": 4000},
     )
-    best = _better(problem, start, np.asarray(found.x))
-    if problem.has_springs:
-        # Of a heavily damped carriage it is far from where the simplex ends.
-        spread = (np.linspace(*bounds, PAIRS) for bounds in problem.bounds)
-        for first in (best, *map(np.array, itertools.product(*spread))):
-            best = _better(problem, best, _double_pair(problem, first))
+    return _better(problem, start, np.asarray(found.x))
+
+
+def _coinciding(problem: Problem, best: Array) -> Array:
+    """Return the best of a point and of those where both pairs of eigenvalues coincide.
+
+    Of a heavily damped carriage they are far from where a simplex ends.
+    """
+    spread = (np.linspace(*bounds, PAIRS) for bounds in problem.bounds)
+    for first in (best, *map(np.array, itertools.product(*spread))):
+        best = _better(problem, best, _double_pair(problem, first))
     return best
 
 

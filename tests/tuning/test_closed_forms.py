@@ -82,6 +82,16 @@ def test_numerical_optimum_is_the_closed_form(name, ratio):
     assert found.value == pytest.approx(expected.value, rel=bound)
 
 
+@pytest.mark.parametrize("name", ["nishihara_asami", "h2_force_displacement"])
+def test_numerical_optimum_of_a_sphere_much_heavier_than_the_carriage(name):
+    form, expected = CLOSED_FORMS[name], closed_form(name, 100.0)
+    goal = {"channel": form.channel, "criterion": form.criterion}
+    found = tune(rig(100.0), excitation=form.excitation, **goal).free
+    assert found.ends() == []
+    assert found.frequency_ratio == pytest.approx(expected.frequency_ratio, rel=1e-6)
+    assert found.value == pytest.approx(expected.value, rel=1e-9)
+
+
 @pytest.mark.parametrize("ratio", [1e-9, 1e-5, 1e3, 1e6])
 def test_nishihara_and_asami_keep_their_digits_at_the_extremes(ratio):
     mpmath = pytest.importorskip("mpmath")

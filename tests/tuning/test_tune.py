@@ -1,5 +1,7 @@
 """Is a tuned scene the best of its kind, in reach, and as good as predicted?"""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -48,8 +50,10 @@ def test_simulated_peak_of_the_tuned_scene_is_the_predicted_one(excitation, chan
         assert unit * beside < at_peak
 
 
-@pytest.mark.parametrize("mass_ratio", [0.016, 0.044, 0.05, 0.31, 1.3])
-@pytest.mark.parametrize("damping", [0.0, 40.0, 120.0, 180.0])
+@pytest.mark.parametrize(
+    ("mass_ratio", "damping"),
+    [*product([0.016, 0.044, 0.05, 0.31, 1.3], [0.0, 40.0, 120.0, 180.0]), (1.0, 140.0)],
+)
 @pytest.mark.filterwarnings("error")
 def test_no_design_at_all_decays_faster(mass_ratio, damping):
     def slowest(unknowns):
@@ -69,7 +73,7 @@ def test_no_design_at_all_decays_faster(mass_ratio, damping):
 def test_table_says_that_the_search_has_no_optimum_inside():
     scene = rig(0.05, damping=10.0).replace(springs={"kind": "linear", "stiffness": 400.0})
     tables = {name: tune(scene, excitation="force", channel=name).table() for name in CHANNELS}
-    assert "f is at an end of what is searched, 0.05 to 20" in tables["sphere_offset"]
+    assert "f is at an end of what is searched, 0.002 to 20" in tables["sphere_offset"]
     assert "at an end" not in tables["carriage_displacement"]
 
 
