@@ -25,7 +25,7 @@ from agents.control.scene import force_weight
 from agents.controllers.choices import chosen, is_remade, note, recorded
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.arrays import Array
-from mm_gym.errors import suggest
+from mm_gym.errors import refuse, suggest
 from mm_gym.files import read_json
 
 Made = TypeVar("Made")
@@ -118,6 +118,15 @@ class Free:
     low: float = -inf
     high: float = inf
 
+    @property
+    def allowed(self) -> str:
+        """Its limits, in words."""
+        return f"{max(self.low, 0.0) if self.ratio else self.low:g} to {self.high:g}"
+
+    def has(self, number: float) -> bool:
+        """Tell whether it can be this number."""
+        return self.low <= number <= self.high and (number >= 0.0 or not self.ratio)
+
     def value(self, coordinate: Coordinate, start: float | None = None) -> Coordinate:
         """Return the number at a coordinate, which is 0 at the start; by default at the first.
 
@@ -198,8 +207,11 @@ class Tunable:
 
     def best(self, scene: Scene) -> Controller:
         """Return the controller with its best numbers."""
-        found = self.numbers(scene)
-        numbers = {name: chosen(partial(found.__getitem__, name)) for name in self.free(scene)}
+        free, found = self.free(scene), self.numbers(scene)
+        numbers = {name: chosen(partial(found.__getitem__, name)) for name in free}
+        for name, one in free.items():
+            if not one.has(numbers[name]):
+                refuse(f"{self.name}.{name}", f"{numbers[name]:g}", one.allowed, DesignError)
         return self.design(scene, numbers)
 
     def numbers(self, scene: Scene) -> dict[str, float]:

@@ -79,6 +79,20 @@ def test_numbers_that_are_not_of_the_controller_are_refused() -> None:
         assert "delete its `numbers`" in str(error.value)
 
 
+def test_tuned_numbers_outside_their_limits_are_refused() -> None:
+    def make() -> searched.Controller:
+        return laws(STRETCH)["weighted-clipped-lqr"](STRETCH)
+
+    _, numbers = recorded(make)
+    for place, number, told in (
+        (0, 1e3, r"weighted-clipped-lqr\.stretch: got 1000; allowed: 1 to 3"),
+        (1, -1.0, r"weighted-clipped-lqr\.force: got -1; allowed: 0 to inf"),
+    ):
+        wrong = [*numbers[:place], number, *numbers[place + 1 :]]
+        with pytest.raises(SceneError, match=told):
+            recorded(make, wrong)
+
+
 def test_searches_within_a_search_leave_no_numbers() -> None:
     def inner(scene: Scene) -> searched.Feedback:
         return searched.searched(scene, lambda _: laws(scene)["lqr"](scene).law, np.zeros(3))
