@@ -140,9 +140,7 @@ def report_run(
         parts = trained_parts(run, trust=trust, asked=scene.own_reward)
     learned = agent_of(run, parts, name) if policy is None else parts.controller(policy, name)
     folder = folder or run.folder
-    if reward is not None and reward != record["settings"].get(
-        "reward"
-    ):  # the folder's own scores stay
+    if reward not in {None, record["settings"].get("reward")}:  # the folder's own scores stay
         folder /= f"scored-by-{reward.rpartition(':')[2]}"
     return report([*others, learned], scene, episodes, folder)
 
