@@ -137,7 +137,7 @@ def draw(found: Sequence[Panel], labels: Sequence[str], path: Path, columns: int
 
 IN_A_BIN = 10  # episodes that each point of a line stands for
 NARROW = 4.0  # ratio of an axis's ends below which round numbers are better ticks than 1, 2 and 5
-WIDE = 1e4  # and from which powers of ten alone fit
+WIDE = 6e3  # and from which powers of ten alone fit
 LEARNED = {"color": COLOURS[-1], "linestyle": "-"}  # the last of all results
 
 
