@@ -6,7 +6,7 @@ from typing import TypeVar
 from agents.scoring import evaluate
 from agents.training.config import TimedSettings
 from agents.training.own_scene import print_misfits
-from agents.training.parts import agent_of, trained_parts
+from agents.training.parts import agent_of, make_parts
 from agents.training.progress import notes_of
 from agents.training.runs import Run
 
@@ -21,7 +21,7 @@ def search_and_score(settings: Settings, search: Callable[[Settings, Run], None]
     print_misfits(settings)
     with run.advised():
         search(settings, run)
-        parts = trained_parts(run, trust=True, asked=settings.rewarded_scene().own_reward)
+        parts = make_parts(settings, run)
         cost = evaluate(parts.scene, agent_of(run, parts), episodes=EPISODES).cost
     compare = f"compare it with classical controllers: {run.scoring}"
     told = f"{cost:.4f} is its cost on {EPISODES} held-out episodes"

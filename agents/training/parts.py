@@ -71,8 +71,8 @@ def make_parts(settings: RunSettings, run: Run | None = None) -> Parts:
     The base is made with the numbers that its searches chose before, if it goes on with a run that
     has them. Raise `SceneError` if a part cannot be made.
     """
-    scene, asked = settings.rewarded_scene(), settings.model_dump()
-    return _parts(scene, asked, *((run.numbers(settings), run.record) if run else ()))
+    known = (run.numbers(settings), run.record) if run else ()
+    return _parts(settings.rewarded_scene(), settings.model_dump(), *known)
 
 
 def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:

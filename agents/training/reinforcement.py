@@ -61,8 +61,7 @@ def train(
     """
     algorithm_class(settings.algorithm)
     settings = for_own_scene(settings, run)
-    parts = make_parts(settings, run)
-    search = Reinforcement(settings, parts, run, report)
+    search = Reinforcement(settings, make_parts(settings, run), run, report)
     search.finish(run, bar=bar)
     search.model.env.close()
 
