@@ -91,10 +91,9 @@ class Descent(Following):
 
     def _slope(self, seeds: list[int], fade: float) -> float:
         settings, left = self.settings, iter(seeds)
-        inwards = 1.0 - self.done if settings.inwards else 0.0
         for episodes, network in self.parts:
             episodes.run(network, list(islice(left, episodes.lanes)))
-            episodes.back(network, fade, settings.feedback, inwards=inwards)
+            episodes.back(network, fade, settings.feedback, inwards=self.inwards)
         self.slope = {name: self.sizes[name] * slope for name, slope in self._gradient().items()}
         if self.odd:
             for name in BIASES:

@@ -51,6 +51,11 @@ class Following(Search):
             self.began.units[:, UNIT.index("floor")] = settings.floor
 
     @property
+    def inwards(self) -> float:
+        """Part of the slope just inside its limit that an action beyond it has."""
+        return 1.0 - self.done if self.settings.inwards else 0.0
+
+    @property
     @abstractmethod
     def _parts(self) -> dict[str, Arrays]:
         """The arrays from which the next iterations follow, by part and name; to write into."""

@@ -4,9 +4,13 @@ Any network of `agents.network` could be trained so. The small network has a way
 `agents.gradient.network`: an iteration takes a quarter to a third of the time.
 """
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd import Function
 
 from agents.control.trajectories import FIRST, SECOND
 from agents.gradient.episodes import MOST
@@ -23,6 +27,7 @@ from agents.network.layers import (
     Layer,
     Observer,
     Skip,
+    run,
 )
 from agents.network.module import Module
 from agents.network.policy import Policy
@@ -97,6 +102,39 @@ def _single(array: Array) -> Single:
     return array.astype(np.float32)
 
 
+class _Inwards(Function):
+    """A clip whose values have a part of their slope beyond a limit, if it leads back inside."""
+
+    @staticmethod
+    def forward(  # pyright: ignore[reportIncompatibleMethodOverride] - as torch asks for it
+        ctx: Any,  # noqa: ANN401 - torch does not name it
+        values: Tensor,
+        low: Tensor,
+        high: Tensor,
+        part: float,
+    ) -> Tensor:
+        clipped = values.clip(low, high)
+        ctx.beyond, ctx.part = torch.sign(values - clipped), part
+        return clipped
+
+    @staticmethod
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride] - as above
+        ctx: Any,  # noqa: ANN401 - as above
+        slopes: Tensor,
+    ) -> tuple[Tensor | None, ...]:
+        beyond = ctx.beyond
+        kept = (beyond == 0.0) + ctx.part * (beyond * slopes > 0.0)
+        return kept * slopes, None, None, None
+
+
+def _arrays(inwards: float) -> Any:  # noqa: ANN401 - a module, or what stands for it
+    """Return torch, but with this part of the slopes of what is clipped."""
+    if not inwards:
+        return torch
+    names = {name: getattr(torch, name) for name in ("concatenate", "tanh")}
+    return SimpleNamespace(**names, clip=lambda *bounds: _Inwards.apply(*bounds, inwards))
+
+
 class RecurrentDescent(Following):
     """A descent from a controller along the gradient, with torch's Adam.
 
@@ -148,8 +186,9 @@ class RecurrentDescent(Following):
         if (observer := self.module.start.find(Observer)) is not None:
             states, actions = observer.back.shape
             fading[states : states + actions] = 1.0
+        layers, arrays = self.module.layers, _arrays(self.inwards)
         for _ in range(self.episodes.steps):
-            action, memory = self.module(observation, memory)
+            action, memory = run(layers, arrays, observation, memory)
             memory = fading * memory + (1.0 - fading) * memory.detach()
             observation, costs = self.episodes.step(action)
             total = total + costs.mean()

@@ -56,8 +56,7 @@ class GradientSettings(SearchSettings):
     exact gradient, less is steadier; not allowed with a cell, for which it is 1"""
     inwards: bool = False
     """whether an action beyond its limit has the slope just inside the limit, if this leads back
-    inside; its fraction falls from 1 to 0 over the run; by default on for your own scene; not
-    allowed with a cell"""
+    inside; its fraction falls from 1 to 0 over the run; by default on for your own scene"""
     floor: Positive = 0.05
     """floor of the correlation units' denominators; a smaller one switches more sharply; for your
     own scene the best of three"""
@@ -69,7 +68,7 @@ class GradientSettings(SearchSettings):
     @property
     def unused(self) -> dict[str, str]:
         """What a cell has of its own, or torch does not follow; a task's file may have it."""
-        names = ("oscillators", "feedback", "inwards") if self.cell else ()
+        names = ("oscillators", "feedback") if self.cell else ()
         return dict.fromkeys(names, "with cell = 0")
 
     @model_validator(mode="after")

@@ -292,14 +292,16 @@ class TestGradients:
         most = 2.0 * 10.0  # the median is 2
         np.testing.assert_allclose(factors, [1.0, 1.0, most / 1e30, 1.0, 1.0])
 
-    def test_torch_fades_what_is_remembered_as_the_own_way_back_does(self, monkeypatch):
+    @pytest.mark.parametrize(("limit", "inwards"), [(40.0, 0.0), (1.0, 0.0), (1.0, 0.5)])
+    def test_torch_goes_back_as_the_own_way_does(self, limit, inwards, monkeypatch):
         monkeypatch.setattr(network, "REAL", np.float64)
+        monkeypatch.setattr(RecurrentDescent, "inwards", inwards)
         settings = TINY.model_copy(
             update={
                 "task": "mm_gym/CarriageForce-v0",
                 "changes": {
                     "control.steps": STEPS,
-                    "actuation.force.limit": 40.0,
+                    "actuation.force.limit": limit,
                     "sensors.channels": ["carriage_displacement"],
                     "sensors.noise": {"carriage_displacement": 0.01},
                 },
@@ -321,8 +323,8 @@ class TestGradients:
             search.module.zero_grad()
             search._cost_of(range(LANES), fade).backward()
             own.run(net, range(LANES))
-            assert net.free.all()
-            own.back(net, fade)
+            assert net.free.all() == (limit == 40.0)
+            own.back(net, fade, inwards=inwards)
             found = {name: one.grad.numpy() for name, one in search.module.trained.items()}
             for role, slope in net.gradient.items():
                 torchs = found[_roles(policy)[role]].reshape(slope.shape)

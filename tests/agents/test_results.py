@@ -299,7 +299,7 @@ def test_setting_that_is_off_or_without_effect_makes_no_other_training():
     assert _digest(trial) != _digest(trial.model_copy(update={"inwards": True}))
     assert _digest(trial) != _digest(trial.model_copy(update={"extra": 1}))
     recurrent = trial.model_copy(update={"cell": 8})
-    assert _digest(recurrent) == _digest(recurrent.model_copy(update={"inwards": True}))
+    assert _digest(recurrent) == _digest(recurrent.model_copy(update={"feedback": 0.5}))
     train = TrainSettings.of({"task": TASK, "algorithm": "sac"})
     assert _digest(train) != _digest(TrainSettings.of({"task": TASK}))
 
