@@ -34,26 +34,22 @@ FIGURES = ("curves", "profile", "episodes")
 
 def page(results: Results, folder: str) -> str:
     """Return the page, with the figures of a folder next to it."""
-    known, earlier, sealed = on_tasks(results), results.earlier, read_sealed()
+    known, sealed = on_tasks(results), read_sealed()
     of_best = {one.name: one.best.cost(one.reference) for one in known}
     counts = {(cell.task, cell.algorithm): len(cell.trainings) for _, cell in _each(known)}
-    counts |= {(one.task, one.algorithm): one.seeds for one in earlier}
-    costs = {(one.task, one.algorithm): f"{printed(one.cost)} ({one.seeds})" for one in earlier}
-    costs |= {(cell.task, cell.algorithm): span(cell.cost()) for _, cell in _each(known)}
+    costs = {(cell.task, cell.algorithm): span(cell.cost()) for _, cell in _each(known)}
     tasks = sorted({task for task, _ in counts}, key=ids().index)
     algorithms = sorted({name for _, name in counts}, key=LEARNERS.index)
     return render(
         "results",
         names=[short_name(task) for task in tasks],
         left_out=[short_name(task) for task in ids() if task not in tasks],
-        unknown=[short_name(task) for task in tasks if short_name(task) not in of_best],
         of_held_out=standing(of_best, len(tasks)),
         of_sealed=of_sealed(sealed),
         unsealed=[one.name for one in known if one.best.algorithm not in _sealed(sealed, one.task)],
         machines=sorted({one.machine for one in results.trainings}),
         algorithms=algorithms,
         known=known,
-        earlier=earlier,
         tasks=tasks,
         costs=costs,
         compared=COMPARED,

@@ -48,15 +48,10 @@ Costs = Annotated[list[Cost], Field(min_length=EPISODES, max_length=EPISODES)]
 """Of each held-out episode."""
 
 
-class Kept(BaseModel, strict=True, allow_inf_nan=False, extra="forbid"):
-    """A row of the file."""
+class Scored(BaseModel, strict=True, allow_inf_nan=False, extra="forbid"):
+    """A row of the file: what was scored on the held-out episodes of a task."""
 
     task: str  # its id
-
-
-class Scored(Kept):
-    """What was scored on the held-out episodes of a task."""
-
     scene_digest: str
     # The mean over the episodes of the energy that changing the stretch put in [J]; None where it
     # is not actuated.
@@ -105,28 +100,16 @@ class Training(Scored):
         return self
 
 
-class Earlier(Kept):
-    """Trainings of an algorithm by earlier code, whose episodes were not kept."""
-
-    algorithm: Learner
-    seeds: int
-    # Interquartile mean over the seeds, and the best and the worst of them
-    cost: Cost
-    least: Cost
-    most: Cost
-
-
-class Results(BaseModel, strict=True, extra="forbid"):
-    """What the file holds."""
+class Results(BaseModel, strict=True):
+    """What the file holds; older files have a further table, which is left out."""
 
     controllers: list[Reference]
-    earlier: list[Earlier]
     trainings: list[Training]
     # Those on tasks, scored on the task's variant with an observer; each is a row of the variant.
     observed: list[Training] = []
 
 
-NOTHING = Results(controllers=[], earlier=[], trainings=[])
+NOTHING = Results(controllers=[], trainings=[])
 """What is known before the first training."""
 
 
@@ -349,7 +332,7 @@ def _short(values: Iterable[float]) -> list[float]:
 def merged(results: Results, rows: Iterable[Training]) -> Results:
     """Return results with other rows: each replaces that of its task, algorithm and seed.
 
-    What its task and algorithm have of other settings, another scene or earlier code goes.
+    What its task and algorithm have of other settings or another scene goes.
     """
     kept = {(one.task, one.algorithm, one.seed): one for one in results.trainings}
     for row in rows:
@@ -363,9 +346,7 @@ def merged(results: Results, rows: Iterable[Training]) -> Results:
         kept.values(),
         key=lambda one: (tasks.index(one.task), LEARNERS.index(one.algorithm), one.seed),
     )
-    new = {(one.task, one.algorithm) for one in trainings}
-    earlier = [one for one in results.earlier if (one.task, one.algorithm) not in new]
-    return results.model_copy(update={"trainings": trainings, "earlier": earlier})
+    return results.model_copy(update={"trainings": trainings})
 
 
 def with_references(results: Results) -> Results:

@@ -27,7 +27,6 @@ from agents.scoring import evaluate
 from agents.sweeps.results import (
     FILE,
     Cell,
-    Earlier,
     OnTask,
     _digest,
     cells_of,
@@ -144,8 +143,6 @@ def test_lines_of_all_algorithms_look_different():
 
 
 class TestFile:
-    old = Earlier(task=TASK, algorithm="ppo", seeds=3, cost=0.5, least=0.4, most=0.6)
-
     def test_page_is_made_of_the_file(self):
         assert FILE.with_suffix(".md").read_text("utf-8") == page(COMMITTED, "results")
 
@@ -233,21 +230,6 @@ class TestFile:
         found = merged(before, [training(1.0, 1, **fields)]).trainings
         assert [(one.algorithm, one.seed) for one in found] == [("evolution", 1), ("ppo", 0)]
 
-    def test_trainings_of_earlier_code_are_marked_until_they_are_replaced(self):
-        before = COMMITTED.model_copy(update={"earlier": [self.old]})
-        before = merged(before.model_copy(update={"trainings": []}), [])
-        told = "| CarriageForce | ppo | 3 | 0.5000 | 0.4000 to 0.6000 |"
-        text = page(before.model_copy(update={"controllers": []}), "results")
-        assert told in text
-        assert "| ppo | 0.5000 (3) |" in text
-        assert "On CarriageForce no training has kept its episodes" in text
-        (reference,) = (one for one in COMMITTED.controllers if one.task == TASK)
-        after = merged(before, [training(0.25, algorithm="ppo")])
-        text = page(after.model_copy(update={"controllers": [reference]}), "results")
-        assert told not in text
-        assert "| ppo | 0.5000 |" in text
-        assert "earlier code" not in text
-
     @pytest.mark.parametrize(
         ("costs", "words"),
         [
@@ -261,7 +243,7 @@ class TestFile:
     def test_first_paragraph_follows_from_the_costs(self, costs, words):
         (reference,) = (one for one in COMMITTED.controllers if one.task == TASK)
         rows = [training(f**2 * reference.penalties, k) for k, f in enumerate(costs)]
-        update = {"trainings": rows, "earlier": [], "controllers": [reference]}
+        update = {"trainings": rows, "controllers": [reference]}
         text = page(COMMITTED.model_copy(update=update), "results")
         told = "the best agent costs less than the best controller, predictive control\nincluded"
         assert words.format(told) in text.split("-->")[1].split("\n\n    python")[0]

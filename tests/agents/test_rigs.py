@@ -165,9 +165,7 @@ def test_the_page_compares_all_seeds_with_the_best_controller(factors, said):
     shared = {"task": VARIANT, "scene_digest": load_scene(VARIANT).digest}
     rows = [training(episodes * factor, seed, **shared) for seed, factor in enumerate(factors)]
     best = controller(episodes).model_copy(update=shared)
-    found = page(
-        {VARIANT: SCORES[VARIANT]}, Results(controllers=[best], earlier=[], trainings=rows)
-    )
+    found = page({VARIANT: SCORES[VARIANT]}, Results(controllers=[best], trainings=rows))
     (line,) = [line for line in found.splitlines() if line.endswith(said)]
     assert line.startswith(f"On {short_name(VARIANT)} ")
     assert f"| `{short_name(VARIANT)}` | evolution | {len(factors)} | " in found
