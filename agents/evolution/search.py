@@ -9,7 +9,6 @@ of numbers alone, whatever pycma's own state is.
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from functools import cached_property
 from itertools import islice
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -116,7 +115,7 @@ class Population:
         self.parts = [Candidates(trial, count) for count in np.diff(self.bounds).tolist()]
         self.episodes = trial.episodes
         self.frames = candidates * trial.episodes * trial.scene.control.steps
-        self.threads = ThreadPoolExecutor(threads)
+        self.threads = ThreadPoolExecutor(threads)  # they end with it
 
     def costs(self, vectors: Array, seeds: Sequence[int]) -> Array:
         """Return the mean penalty (candidates,) of each vector (candidates, N), as `evaluate` has.
@@ -126,10 +125,6 @@ class Population:
         chunks = np.split(vectors, self.bounds[1:-1])
         found = self.threads.map(lambda part, chunk: part.costs(chunk, seeds), self.parts, chunks)
         return np.concatenate(list(found))
-
-    def close(self) -> None:
-        """End the threads."""
-        self.threads.shutdown()
 
 
 class Candidates:
@@ -221,9 +216,7 @@ def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     Raise as `Search.finish` does, and, before a folder is made, `SceneError`, `CompileError` or
     `DesignError` if there is nothing to search on, or the law does not apply.
     """
-    search = Evolution(settings, settings.rewarded_scene(), run)
-    with closing(search):
-        search.finish(run, bar=bar)
+    Evolution(settings, settings.rewarded_scene(), run).finish(run, bar=bar)
 
 
 class Evolution(Search):
@@ -312,11 +305,6 @@ class Evolution(Search):
             found = one.costs(self._whole(vectors), list(islice(seeds, one.episodes)))
             costs += one.episodes / settings.episodes * found
         self._tell(vectors, costs)
-
-    def close(self) -> None:
-        """End the threads."""
-        for one in self.populations:
-            one.close()
 
     def _told(self) -> dict[str, float]:
         """Return the least and the median cost of the candidates on their training episodes."""

@@ -112,7 +112,6 @@ def test_schedule_of_one_action_is_the_design_with_these_numbers():
 
 def test_schedule_begins_as_its_base_and_costs_in_a_search_what_it_costs_in_an_evaluation():
     search = Evolution(settings(), SCENE)
-    search.close()
     parts = make_parts(search.settings)
     assert search.began_as == "inertial drive"
     assert search._cost({"vector": search.first}) == pytest.approx(

@@ -235,7 +235,6 @@ class TestPopulations:
         population = Population(Trial(scene, network, 6, worst), 5, threads)
         for _ in range(2):  # what one generation leaves must not change the next
             costs = population.costs(vectors, range(VALIDATION_SEED, VALIDATION_SEED + 6))
-        population.close()
         for vector, cost in zip(vectors, costs, strict=True):
             learned = Learned(network.policy(vector))
             penalties = evaluate(scene, learned, seed=VALIDATION_SEED, episodes=6).penalties
@@ -252,8 +251,6 @@ class TestPopulations:
         monkeypatch.setattr("agents.evolution.search.LANES", lanes)
         divided = Population(Trial(scene, network, 6), 5, 3)
         got, want = (population.costs(vectors, range(6)) for population in (divided, whole))
-        whole.close()
-        divided.close()
         np.testing.assert_array_equal(got, want)
 
     @pytest.mark.parametrize(
@@ -263,7 +260,6 @@ class TestPopulations:
     def test_validation_has_the_cost_of_an_evaluation(self, task, worst):
         settings = changed(task=f"mm_gym/{task}-v0", spread=1.0, worst=worst)
         search = Evolution(settings, settings.load_scene())
-        search.close()
         vector = search.first + search.free * search.generator.normal(size=search.first.size)
         found = search._cost({"vector": vector})
         learned = Learned(search.network.policy(vector))
@@ -281,7 +277,6 @@ class TestPopulations:
         vectors = search._asked()
         monkeypatch.setattr(search, "_asked", lambda: vectors)
         search._advance()
-        search.close()
         first, *_ = seeds = training_seeds(settings.seed, 8)
         assert seeds == list(range(first, first + 8))
         for vector, cost in zip(search._whole(vectors), search.costs[0], strict=True):
@@ -331,7 +326,6 @@ class TestBases:
         population = Population(Trial(scene, network, 6, 0.5, around), 5, 2)
         for _ in range(2):  # what one generation leaves must not change the next
             costs = population.costs(vectors, range(VALIDATION_SEED, VALIDATION_SEED + 6))
-        population.close()
         for vector, cost in zip(vectors, costs, strict=True):
             added = Residual(controller, network.policy(vector), 0.7)
             penalties = evaluate(scene, added, seed=VALIDATION_SEED, episodes=6).penalties
