@@ -97,13 +97,10 @@ def make_model(settings: config.TrainSettings, log: Path, lanes: VecEnv) -> Base
 
 def _begin_at_zero(model: BaseAlgorithm) -> None:
     """Set the layer that makes the mean action to zero, in the target network too."""
-    policy = model.policy
-    if hasattr(policy, "action_net"):
-        layers = [policy.action_net]
-    elif hasattr(policy.actor.mu, "weight"):
-        layers = [policy.actor.mu]
-    else:  # a tanh is last
-        layers = [policy.actor.mu[-2], policy.actor_target.mu[-2]]
+    (*_, last), _ = _modules(model)
+    layers: list[Any] = [last]
+    if hasattr(model.policy, "actor_target"):
+        layers.append(model.policy.actor_target.mu[-2])  # a tanh is behind it
     with torch.no_grad():
         for layer in layers:
             layer.weight.zero_()
