@@ -4,13 +4,13 @@ Any network of `agents.network` could be trained so. The small network has a way
 `agents.gradient.network`: an iteration takes a quarter to a third of the time.
 """
 
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.autograd import Function
 
 from agents.control.trajectories import FIRST, SECOND
 from agents.gradient.episodes import MOST
@@ -102,29 +102,13 @@ def _single(array: Array) -> Single:
     return array.astype(np.float32)
 
 
-class _Inwards(Function):
-    """A clip whose values have a part of their slope beyond a limit, if it leads back inside."""
-
-    @staticmethod
-    def forward(  # pyright: ignore[reportIncompatibleMethodOverride] - as torch asks for it
-        ctx: Any,  # noqa: ANN401 - torch does not name it
-        values: Tensor,
-        low: Tensor,
-        high: Tensor,
-        part: float,
-    ) -> Tensor:
-        clipped = values.clip(low, high)
-        ctx.beyond, ctx.part = torch.sign(values - clipped), part
-        return clipped
-
-    @staticmethod
-    def backward(  # pyright: ignore[reportIncompatibleMethodOverride] - as above
-        ctx: Any,  # noqa: ANN401 - as above
-        slopes: Tensor,
-    ) -> tuple[Tensor | None, ...]:
-        beyond = ctx.beyond
-        kept = (beyond == 0.0) + ctx.part * (beyond * slopes > 0.0)
-        return kept * slopes, None, None, None
+def _clip(values: Tensor, low: Tensor, high: Tensor, inwards: float) -> Tensor:
+    """Return clipped values that have a part of their slope beyond a limit, if it leads inside."""
+    clipped = values.detach().clip(low, high)
+    beyond = torch.sign(values.detach() - clipped)
+    found = clipped + (values - values.detach())  # of slope 1
+    found.register_hook(lambda one: ((beyond == 0.0) + inwards * (beyond * one > 0.0)) * one)
+    return found
 
 
 def _arrays(inwards: float) -> Any:  # noqa: ANN401 - a module, or what stands for it
@@ -132,7 +116,7 @@ def _arrays(inwards: float) -> Any:  # noqa: ANN401 - a module, or what stands f
     if not inwards:
         return torch
     names = {name: getattr(torch, name) for name in ("concatenate", "tanh")}
-    return SimpleNamespace(**names, clip=lambda *bounds: _Inwards.apply(*bounds, inwards))
+    return SimpleNamespace(**names, clip=partial(_clip, inwards=inwards))
 
 
 class RecurrentDescent(Following):
