@@ -8,7 +8,7 @@ does not list, and renamed.
 import os
 import re
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 try:
@@ -33,7 +32,7 @@ except ImportError as error:
 from agents.control.controller import Controller
 from agents.errors import DatasetError
 from agents.rollout import Rollout
-from mm_gym import MovingMassVectorEnv
+from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array, Single
 from mm_gym.errors import refuse
 
@@ -151,33 +150,24 @@ def with_noise(
 
 
 def play(
-    task: str,
+    scene: Scene,
     controller: Controller,
     seeds: Sequence[int],
     *,
     lanes: int,
     changed: Callable[[Array], Single],
-    arguments: Mapping[str, Any],
 ) -> Iterator[list[EpisodeBuffer]]:
     """Play one episode a seed, so many lanes at a time, and yield each batch in the seeds' order.
 
     What is done in the place of the controller's actions is `changed` of them; the seed of an
-    episode and its actions reproduce it to the last bit. Further arguments are those of the
-    environment. Raise `ActionError` if the controller's actions are not finite; `PolicyError` if a
-    trained policy is of other observations or actions; `SimulationError` if a motion cannot be
-    followed.
+    episode and its actions reproduce it to the last bit. Raise `ActionError` if the controller's
+    actions are not finite; `PolicyError` if a trained policy is of other observations or actions;
+    `SimulationError` if a motion cannot be followed.
     """
     for first in range(0, len(seeds), lanes):
         batch = list(seeds[first : first + lanes])
-        env = gymnasium.make_vec(
-            task,
-            num_envs=len(batch),
-            vectorization_mode="vector_entry_point",
-            autoreset_mode=AutoresetMode.DISABLED,
-            **arguments,
-        )
-        yield _play_batch(env, controller, batch, changed)  # pyright: ignore[reportArgumentType]
-        env.close()
+        env = MovingMassVectorEnv(scene, len(batch), autoreset_mode="Disabled")
+        yield _play_batch(env, controller, batch, changed)
 
 
 def _play_batch(

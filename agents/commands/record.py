@@ -80,12 +80,11 @@ def record(settings: RecordSettings) -> str:
         dataset_id,
         env,
         play(
-            task,
+            scene,
             law,
             range(settings.seed, settings.seed + settings.episodes),
             lanes=settings.lanes,
             changed=partial(with_noise, deviation=settings.noise, generator=generator),
-            arguments=arguments,
         ),
         {
             "algorithm_name": law.name,

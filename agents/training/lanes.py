@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers.vector import TransformReward
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from agents.controllers.learned import observed
 from agents.training.arrays import Arrays, check_like
 from agents.training.config import SEED_BITS, TrainSettings, training_seeds
 from agents.training.parts import Parts
+from mm_gym import MovingMassVectorEnv
 from mm_gym.arrays import Array, Single
 from mm_gym.sb3 import VectorEnvAdapter
 
@@ -147,13 +147,7 @@ class TrainingLanes(VectorEnvAdapter):
 
 def make_lanes(settings: TrainSettings, parts: Parts) -> TrainingLanes:
     """Return the lanes of a training, with scaled rewards."""
-    lanes = gymnasium.make_vec(
-        settings.task,
-        num_envs=settings.lanes,
-        vectorization_mode="vector_entry_point",
-        scene=parts.scene,
-        autoreset_mode=AutoresetMode.SAME_STEP,
-    )
+    lanes = MovingMassVectorEnv(parts.scene, settings.lanes, autoreset_mode="SameStep")
     scale, residual = settings.chosen.reward_scale, None
     if parts.base is not None:
         lanes = residual = ResidualLanes(lanes, parts.base, settings.authority)

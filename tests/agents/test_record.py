@@ -87,12 +87,11 @@ def played(lanes, seeds=range(20), deviation=0.0):
     """Episodes under random actions, of which half end early."""
     generator = np.random.default_rng(1)
     batches = play(
-        CARRIAGE,
+        SCENE,
         RandomActions(SCENE, generator),
         seeds,
         lanes=lanes,
         changed=partial(with_noise, deviation=deviation, generator=generator),
-        arguments={"scene": SCENE},
     )
     return [episode for batch in batches for episode in batch]
 
@@ -166,7 +165,7 @@ def test_every_law_of_a_task_plays(name):
             refused.add(controller)
             continue
         changed = partial(with_noise, deviation=0.0, generator=generator)
-        (batch,) = play(name, law, [1, 2], lanes=2, changed=changed, arguments={})
+        (batch,) = play(scene, law, [1, 2], lanes=2, changed=changed)
         whole = scene.control.steps
         # A controller that does not know of the rail's ends may reach one.
         assert all(len(e.rewards) == whole or e.terminations[-1] for e in batch)
