@@ -48,7 +48,7 @@ class CayleyHamilton(ExactMethod):
     )
     kinds = (PARAMETRIC_LINEAR,)
     entries = build(ch.propagate, respond=ch.respond)
-    held = "a held force and stretch"
+    held = "held actuators"
 
     def limit(self, support: Support) -> str | None:
         """Return why not, unless only the stretch and the excitation vary, within bounds."""

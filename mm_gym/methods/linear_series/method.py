@@ -55,7 +55,7 @@ class ExponentialAction(ExactMethod):
     how = "exponential acting on the state as a Taylor series, cut off below round-off"
     kinds = (PARAMETRIC_LINEAR, LINEAR)
     entries = build(kernel.propagate, respond=respond)
-    held = "a held force and stretch"
+    held = "held actuators"
 
     def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the number of pieces in a sample interval and the degree of the series."""

@@ -135,7 +135,7 @@ class SwitchedSeries(ExactMethod):
     )
     kinds = (PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR)
     entries = build(series_kernel.propagate, stops_at_corners=True)
-    held = "a held force and stretch, every crossing found"
+    held = "held actuators, every crossing found"
 
     def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the degree of the series."""
