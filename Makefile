@@ -81,7 +81,7 @@ tasks: $(INSTALLED)
 	$(RUN) -m agents headroom
 	$(RUN) -m agents ranking
 
-# Ten trainings of each task by each algorithm, some seven hours of one core, and their page.
+# Ten trainings of each task by each algorithm, a day of one core, and their page.
 results: $(INSTALLED)
 	$(RUN) -m agents results configs/results.toml
 

@@ -3,8 +3,8 @@ LQR against PPO
 ===============
 
 The optimal linear controller of python-control, and 100,000 steps of Stable-Baselines3, in the same
-held-out episode. The plant is linear, so nothing beats the LQR within the force's limit. A network
-that learns from rewards alone comes near in seconds, and keeps a small error at rest.
+held-out episode. The plant is linear, so nothing beats the LQR while its force stays within the
+limit. A network that learns from rewards alone comes near in seconds, and keeps a small error at rest.
 """
 
 import control
