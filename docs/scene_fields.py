@@ -22,8 +22,8 @@ BOUNDS = {
     "maxItems": "at most {} entries",
 }
 
-DIGITS = 7
-"""Digits and signs of a number that is printed as it is."""
+DIGITS = 8
+"""Most digits and signs of a number that is printed as it is."""
 
 Node = dict[str, object]
 

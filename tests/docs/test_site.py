@@ -78,6 +78,7 @@ def test_names_and_numbers_in_tables_break_at_joints_only():
 def test_fields_of_scenes_are_told_in_short_numbers_and_whole_sentences():
     text = runpy.run_path(str(DOCS / "scene_fields.py"))["scene_fields"]()
     assert re.findall(r"\d{9,}", text) == []
+    assert "at most 16777216 |" in text  # a limit is whole
     assert "```none\nreward = -(w_x" in text
     head = [part.partition("\n\n")[2].lstrip() for part in text.split("\n## ")[1:]]
     assert [one for one in head if not re.match(r"[A-Z`#]", one)] == []
