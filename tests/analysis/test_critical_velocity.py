@@ -65,7 +65,7 @@ def test_nothing_slips_at_the_critical_velocity_itself(static):
 
 @pytest.mark.parametrize("static", [0.51, 0.509])
 def test_a_little_below_the_critical_velocity_the_sphere_slips_and_loses_its_offset(static):
-    # At the returned velocity 20.000 mm, just below 20.746 mm: a jump, because the slip that begins
+    # At the returned velocity 20.000 mm, just below 20.747 mm: a jump, because the slip that begins
     # with touching v_r does not end at once.
     scene = with_static_coefficient(static)
     critical = critical_reference_velocity(scene)
