@@ -77,7 +77,7 @@ def write(settings: ResultsSettings, trials: Sequence[RunSettings], known: Resul
     save(known, data)
     policies, told = out.with_name(published.FOLDER.name), out.with_name(published.PAGE.name)
     found = published.publish(cells_of(known.trainings), done, folder, policies)
-    write_text(told, published.page(found, known))
+    write_text(told, published.page(found))
     write_text(out, page(known, figures.name))
     draw_results(known, figures, policies)
     print(f"written: {out}, {data}, {figures}/, {told}, {policies}/")

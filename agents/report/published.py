@@ -1,7 +1,7 @@
 """Published policies: that of the median seed of each row of results, and what it scores."""
 
 import json
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +11,7 @@ from agents.control.controller import Controller
 from agents.policies import PolicyError, load_policy
 from agents.report.pages import printed, render
 from agents.scoring import evaluate
-from agents.sweeps.results import Cell, Results
+from agents.sweeps.results import Cell
 from agents.sweeps.trials import EPISODES, LEARNERS, Learner, algorithm_of
 from agents.training.config import RunSettings
 from agents.training.parts import recorded_parts
@@ -185,17 +185,16 @@ def scored_again(published: Published, folder: Path = FOLDER) -> Iterator[tuple[
         yield row, evaluate(scene, agent, episodes=EPISODES).cost
 
 
-def page(published: Published, results: Results) -> str:
+def page(published: Published) -> str:
     """Return the page of the published policies, ``docs/published.md``."""
     found, tasks = published.rows, ids()
     own = [row for row in found if row.task in tasks]  # the others are of variants
-    of_page = {(one.task, one.algorithm) for one in results.trainings}
-    earlier = [row for row in own if (row.task, row.algorithm) not in of_page]
     known = dict.fromkeys(short_name(row.task) for row in own)
-    lacking = {
-        name: [one for one in known if one not in of_name]
-        for name, of_name in _tasks_of(own).items()
-    }
+    missing: dict[str, str] = {}
+    for name in sorted({row.algorithm for row in own}, key=LEARNERS.index):
+        there = {short_name(row.task) for row in own if row.algorithm == name}
+        if lacking := [task for task in known if task not in there]:
+            missing[name] = ", ".join(lacking)
     return render(
         "published",
         rows=found,
@@ -203,12 +202,5 @@ def page(published: Published, results: Results) -> str:
         rounded=f"{100.0 * ROUNDED:g}",
         episodes=EPISODES,
         scored=list(dict.fromkeys(row.scored for row in found)),
-        earlier={name: ", ".join(of_name) for name, of_name in _tasks_of(earlier).items()},
-        missing={name: ", ".join(of_name) for name, of_name in lacking.items() if of_name},
+        missing=missing,
     )
-
-
-def _tasks_of(rows: Sequence[Row]) -> dict[str, list[str]]:
-    """Return the tasks of the rows of each algorithm, by its name."""
-    names = sorted({row.algorithm for row in rows}, key=LEARNERS.index)
-    return {one: [short_name(row.task) for row in rows if row.algorithm == one] for one in names}

@@ -20,11 +20,10 @@ from agents.report.published import (
     read_published,
     scored_again,
 )
-from agents.sweeps.results import read_results
 from mm_gym import SceneError
-from mm_gym.tasks import robust_ids, short_name
+from mm_gym.tasks import robust_ids
 
-RECORDED, RESULTS = read_published(), read_results()
+RECORDED = read_published()
 
 
 def few(rows):
@@ -61,7 +60,7 @@ def change(folder, **fields):
 
 
 def test_page_is_made_of_the_record():
-    assert PAGE.read_text(encoding="utf-8") == page(RECORDED, RESULTS)
+    assert PAGE.read_text(encoding="utf-8") == page(RECORDED)
 
 
 def test_what_has_no_training_here_stays_published(folder):
@@ -74,21 +73,11 @@ def test_what_has_no_training_here_stays_published(folder):
     assert (folder / first.file).read_bytes() == (FOLDER / first.file).read_bytes()
 
 
-def test_page_names_what_is_of_earlier_code():
-    own = [row for row in RECORDED.rows if row.task not in robust_ids()]
-    found = page(RECORDED, RESULTS.model_copy(update={"trainings": []}))
-    _, _, told = found.partition("except these of earlier code")
-    told, *_ = told.partition("| task |")
-    for row in own:
-        (of_algorithm,) = (line for line in told.splitlines() if f"- {row.algorithm}: " in line)
-        assert short_name(row.task) in of_algorithm.rstrip(".").partition(": ")[2].split(", ")
-
-
 def test_page_names_what_is_not_published():
     one, *_, other = (row for row in RECORDED.rows if row.task not in robust_ids())
     assert one.task != other.task
     assert one.algorithm != other.algorithm
-    found = page(RECORDED.model_copy(update={"rows": [one, other]}), RESULTS)
+    found = page(RECORDED.model_copy(update={"rows": [one, other]}))
     for row, lacking in ((one, other), (other, one)):
         assert f"- {row.algorithm}: {lacking.name.partition(',')[0]}.\n" in found
 

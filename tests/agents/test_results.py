@@ -328,9 +328,7 @@ class TestCommand:
         assert (row.least, row.most) == (min(costs), max(costs))
         ((again, cost),) = scored_again(record, tmp_path / "policies")
         assert (again.file, cost) == ("CarriageForce-evolution.safetensors", row.cost)
-        assert (tmp_path / "published.md").read_text() == published_page(
-            record, read_results(tmp_path / "page.json")
-        )
+        assert (tmp_path / "published.md").read_text() == published_page(record)
 
         variant = variant_of(TASK)
         rigs, observed = load_scene(variant), read_results(tmp_path / "page.json").observed
