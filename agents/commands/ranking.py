@@ -19,8 +19,8 @@ from agents.controllers.tuned import NOT_SCORED
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import LEARNED, SCORES, Row, read_scores, scored
-from agents.report.published import Published, published_agents, read_published
 from agents.report.published import Row as PublishedRow
+from agents.report.published import published_agents, read_published
 from agents.report.score_pages import RANKING, TASKS, ranking_page, tasks_page
 from agents.scoring import written
 from agents.training.runs import RunError
@@ -50,27 +50,24 @@ def of_controllers(names: Sequence[str], tasks: Sequence[str]) -> Iterator[tuple
     for name in names:
         check_name("--controllers", name, known)
     scenes = {task: load_scene(task) for task in map(task_called, tasks or ids())}
-    suited = {
-        entry.name
-        for scene in scenes.values()
+    suited = [
+        (task, scene, entry)
+        for task, scene in scenes.items()
         for entry in entries(scene)
-        if entry.refuses(scene) is None
-    }
+        if entry.name in names and entry.refuses(scene) is None
+    ]
     for name in names:
-        if name not in suited:
+        if all(entry.name != name for *_, entry in suited):
             refuse("--controllers", f"{name!r}", f"those that apply to {', '.join(scenes)}")
-    for task, scene in scenes.items():
-        for entry in entries(scene):
-            if entry.name not in names or entry.refuses(scene) is not None:
-                continue
-            role = _role(entry)
-            try:
-                row = scored(role, scene, entry.make(scene))
-            except NOT_SCORED as error:
-                print(f"{task}: {entry.name}: not scored: {error}")
-                continue
-            print(f"{task}: {row['controller']}: {row['cost']:.4f}", flush=True)
-            yield task, row
+    for task, scene, entry in suited:
+        role = _role(entry)
+        try:
+            row = scored(role, scene, entry.make(scene))
+        except NOT_SCORED as error:
+            print(f"{task}: {entry.name}: not scored: {error}")
+            continue
+        print(f"{task}: {row['controller']}: {row['cost']:.4f}", flush=True)
+        yield task, row
 
 
 def put(rows: list[Row], row: Row) -> None:
@@ -115,17 +112,18 @@ def of_published(scores: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str,
 
     If a cost differs from the published one by rounding alone, the row has the published one.
     """
-    new = [row for row in read_published().rows if not _has(scores.get(row.task), row)]
-    for row, scene, agent in published_agents(Published(rows=new), scores):
+    known = [row for row in read_published().rows if row.task in scores]
+    new = [row for row in known if not _has(scores[row.task], row)]
+    for row, scene, agent in published_agents(new):
         agent.name = row.agent
         found = scored(LEARNED, scene, agent)
         yield row.task, found | _cost(row) if row.has(found["cost"]) else found
 
 
-def _has(of_task: Mapping[str, Any] | None, row: PublishedRow) -> bool:
-    known = of_task and of_task["scene_digest"] == row.scene_digest and of_task["rows"]
-    return any(
-        one["controller"] == row.agent and _cost(row).items() <= one.items() for one in known or ()
+def _has(of_task: Mapping[str, Any], row: PublishedRow) -> bool:
+    return of_task["scene_digest"] == row.scene_digest and any(
+        one["controller"] == row.agent and _cost(row).items() <= one.items()
+        for one in of_task["rows"]
     )
 
 

@@ -45,7 +45,8 @@ def main(arguments: Arguments) -> None:
     for variant in wanted:
         check_name("tasks", short_name(variant), map(short_name, variants))
     of_wanted = {*wanted, *map(task_of, wanted)}
-    for row, _, agent in published_agents(read_published(), of_wanted):
+    published = [row for row in read_published().rows if row.task in of_wanted]
+    for row, _, agent in published_agents(published):
         agent.name = str(row.file)
         agents.setdefault(row.task, []).append(agent)
     scores, trained = read_robustness(), read_results()

@@ -1,7 +1,7 @@
 """Published policies: that of the median seed of each row of results, and what it scores."""
 
 import json
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -149,14 +149,14 @@ def read_published(folder: Path = FOLDER) -> Published:
 
 
 def published_agents(
-    published: Published, tasks: Container[str] | None = None, folder: Path = FOLDER
+    rows: Iterable[Row], folder: Path = FOLDER
 ) -> Iterator[tuple[Row, Scene, Controller]]:
-    """Yield the published policies of some tasks, by default all, as controllers of their scenes.
+    """Yield the published policies that have a file as controllers of their scenes.
 
     Raise `PolicyError` as `controller_of`.
     """
-    for row in published.rows:
-        if row.file is not None and (tasks is None or row.task in tasks):
+    for row in rows:
+        if row.file is not None:
             scene = load_scene(row.task)
             yield row, scene, controller_of(row, scene, folder)
 
@@ -181,7 +181,7 @@ def scored_again(published: Published, folder: Path = FOLDER) -> Iterator[tuple[
 
     Raise `PolicyError` as `controller_of`.
     """
-    for row, scene, agent in published_agents(published, folder=folder):
+    for row, scene, agent in published_agents(published.rows, folder):
         yield row, evaluate(scene, agent, episodes=EPISODES).cost
 
 

@@ -91,10 +91,10 @@ def test_rows_of_controllers_stay_and_those_of_agents_are_made_anew():
 
 
 def test_agents_are_the_published_policies_of_the_task_and_of_the_variant():
-    task, published = task_of(VARIANT), read_published()
-    found = [row for row, *_ in published_agents(published, (task, VARIANT))]
-    assert found == [row for row in published.rows if row.task in (task, VARIANT)]
-    assert {row.task for row in found} == {task, VARIANT}
+    tasks = {task_of(VARIANT), VARIANT}
+    rows = [row for row in read_published().rows if row.task in tasks]
+    assert [row for row, *_ in published_agents(rows)] == rows
+    assert {row.task for row in rows} == tasks
 
 
 @pytest.mark.parametrize("name", ["PreStretchShockRobust", "PreStretchNoiseRobust"])
