@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Callable
-from dataclasses import is_dataclass
 from functools import wraps
 from typing import NoReturn, TypeAlias, get_type_hints
 
@@ -54,9 +53,9 @@ def _called(main: Callable[..., Outcome]) -> Outcome:
     text = (sys.modules[main.__module__].__doc__ or "").replace("``", "`")
     description = "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
     kind = next(iter(get_type_hints(main).values()))
-    if not (is_dataclass(kind) or (isinstance(kind, type) and issubclass(kind, Document))):
+    if not (isinstance(kind, type) and issubclass(kind, Document)):
         return cli(main, description=description)
-    if issubclass(kind, Document) and "name" in kind.model_fields:
+    if "name" in kind.model_fields:
         return main(settings_from_command_line(kind, description))
     return main(cli(kind, description=description))
 

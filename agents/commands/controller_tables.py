@@ -5,7 +5,6 @@ time in which predictive control finds an action, on one core. Rows of other tas
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +16,7 @@ from agents.evaluation.rigs import compare, time_of_action, tuned
 from agents.report.pages import markdown
 from mm_gym import SceneError, load_scene
 from mm_gym.files import read_text, write_text
+from mm_gym.scene import Document
 from mm_gym.tasks import ids
 
 PAGE = Path(__file__).parents[2] / "docs" / "controllers.md"
@@ -24,8 +24,7 @@ LATE = ("task", "controller", "from the observation", "from the true state")
 RATES = ("task", "control step [ms]", "time of an action [ms]", "faster than real time by")
 
 
-@dataclass(frozen=True)
-class Arguments:
+class Arguments(Document):
     """What to measure."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()

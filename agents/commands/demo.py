@@ -58,4 +58,4 @@ def main() -> None:
     planner = Planner(trained.load_scene(), {}, EFFORT)
     train_and_report(trained, [planner, network], episodes=EPISODES, name="PPO")
     folders = str(Run(evolved.name).folder), str(Run(trained.name).folder)
-    write_report(Arguments(folders, out=Run(trained.name).folder / "report.html"))
+    write_report(Arguments(subjects=folders, out=Run(trained.name).folder / "report.html"))

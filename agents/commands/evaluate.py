@@ -13,7 +13,6 @@ agents evaluate baselines lqr "runs/ppo-*" --tasks CarriageForce``.
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -40,11 +39,13 @@ from agents.report.pages import (
 )
 from agents.report.published import read_published, scored_again
 from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
+from agents.training.config import Count
 from agents.training.parts import agent_of, recorded_parts, trained_parts
 from agents.training.runs import Run
 from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.errors import refuse
 from mm_gym.files import check_outputs
+from mm_gym.scene import Document
 from mm_gym.tasks import task_or_scene
 
 OF_COMPARISONS = (
@@ -55,8 +56,7 @@ OF_COMPARISONS = (
 SINGLE = 200  # held-out episodes of a single run
 
 
-@dataclass(frozen=True)
-class Arguments:
+class Arguments(Document):
     """What to evaluate."""
 
     subjects: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -66,7 +66,7 @@ class Arguments:
     seeds of one training, a policy's file, or FILE.py:NAME"""
     tasks: tuple[str, ...] = ()
     """tasks to compare on, such as Hybrid, or scene files; by default those of the runs, or all"""
-    episodes: int | None = None
+    episodes: Count | None = None
     """held-out episodes: 200, or 64 of each seed"""
     seeds: int | None = None
     """seeds of each subject: 5, or as many as the training has"""
@@ -82,7 +82,7 @@ class Arguments:
     """measure the steady response of the closed loop over frequency"""
     effort: bool = False
     """measure response and effort over no control and over the best passive damper"""
-    processes: int = os.cpu_count() or 1
+    processes: Count = os.cpu_count() or 1
     """number of tasks scored at once; results do not depend on it"""
     policy: Path | None = None
     """a policy to score instead of the run's own: a policy's file, or a .zip archive of
@@ -103,7 +103,8 @@ class Arguments:
     @property
     def compares(self) -> bool:
         """Whether this is a comparison, and not the report of one run or of --controller."""
-        asked = any(getattr(self, name) != getattr(Arguments, name) for name in OF_COMPARISONS)
+        fields = Arguments.model_fields
+        asked = any(getattr(self, name) != fields[name].default for name in OF_COMPARISONS)
         if asked or len(self.subjects) > 1 or (self.out is not None and self.controller is None):
             return True
         (only,) = self.subjects
@@ -217,8 +218,6 @@ def compare_several(arguments: Arguments) -> None:
 def evaluate_one(arguments: Arguments) -> None:
     """Report on one run or on --controller; raise `SceneError` for flags that do not fit."""
     episodes = SINGLE if arguments.episodes is None else arguments.episodes
-    if episodes < 1:
-        refuse("--episodes", f"{episodes}", "at least 1")
     subject, path = Path(arguments.subjects[0]), arguments.policy
     if arguments.controller is not None:
         if path is not None:
@@ -257,7 +256,5 @@ def main(arguments: Arguments) -> str | None:
         return score_published()
     if not arguments.subjects:
         return f"error: got nothing to evaluate; allowed: the folder of a run, or {BASELINES}"
-    if arguments.processes < 1:
-        return f"error: --processes: got {arguments.processes}; allowed: at least 1"
     (compare_several if arguments.compares else evaluate_one)(arguments)
     return None

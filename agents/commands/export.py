@@ -33,6 +33,7 @@ from agents.value_table.policy import TablePolicy
 from mm_gym import SceneError, load_scene
 from mm_gym.errors import refuse
 from mm_gym.files import check_outputs, write_bytes
+from mm_gym.scene import Document
 from mm_gym.tasks import task_or_scene
 from mm_gym.user_code import is_path
 
@@ -48,8 +49,7 @@ WRITERS = {
 """By the file's ending: what returns its content, given the policy, its interface, a comment."""
 
 
-@dataclass(frozen=True)
-class Arguments:
+class Arguments(Document):
     """What to export."""
 
     policy: Annotated[Path, tyro.conf.Positional]

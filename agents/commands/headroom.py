@@ -13,12 +13,12 @@ import io
 import json
 import os
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
+from pydantic import Field
 
 from agents.control.controller import Controller
 from agents.errors import command
@@ -43,13 +43,13 @@ from mm_gym import Scene, SceneError, compile_scene, load_scene
 from mm_gym.arrays import Array
 from mm_gym.errors import refuse
 from mm_gym.files import check_outputs, read_bytes, write_bytes, write_text
+from mm_gym.scene import Document
 from mm_gym.tasks import ids, path_of, short_name
 
 MOST_BYTES = 2**28  # largest file of plans
 
 
-@dataclass(frozen=True)
-class Arguments:
+class Arguments(Document):
     """What to score."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -60,7 +60,7 @@ class Arguments:
     """compare with the clairvoyant optima, and write nothing"""
     preview: bool = False
     """measure the worth of preview of random excitation, and nothing else"""
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
     """seed of the search"""
     plans: Path | None = None
     """folder where the plans are kept, a file a task, and from which the next search begins"""
@@ -155,8 +155,6 @@ def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, A
 def main(arguments: Arguments) -> str | None:
     """Score or check from the command line."""
     out, plans = arguments.out, arguments.plans
-    if arguments.seed < 0:
-        refuse("--seed", f"{arguments.seed}", "at least 0")
     better: list[str] = []
     scores = read_scores(out) if os.path.lexists(out) else {}
     agents = agents_of(arguments.runs)

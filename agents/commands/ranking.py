@@ -9,7 +9,6 @@ those of ``--tasks``. ``--published`` also scores new published policies.
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import tyro
@@ -27,11 +26,11 @@ from agents.training.runs import RunError
 from mm_gym import load_scene
 from mm_gym.errors import check_name, refuse
 from mm_gym.files import write_text
+from mm_gym.scene import Document
 from mm_gym.tasks import ids, task_called
 
 
-@dataclass(frozen=True)
-class Arguments:
+class Arguments(Document):
     """What to add."""
 
     runs: Annotated[tuple[str, ...], tyro.conf.Positional] = ()

@@ -7,7 +7,6 @@ anywhere.
 """
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -19,12 +18,13 @@ from agents.evaluation.contestants import BASELINES, Episodes, read_field
 from agents.evaluation.measurement import measure
 from agents.report.web_page import LARGEST, STUDIED, report_page
 from agents.scoring import HELD_OUT_SEED
+from agents.training.config import Count
 from mm_gym import SceneError
 from mm_gym.files import check_outputs, write_text
+from mm_gym.scene import Document
 
 
-@dataclass(frozen=True)
-class Arguments:
+class Arguments(Document):
     """What to report on."""
 
     subjects: Annotated[tuple[str, ...], tyro.conf.Positional]
@@ -43,7 +43,7 @@ class Arguments:
     """compare with all classical controllers too"""
     trust: bool = False
     """run the own base of runs, although that can run any code"""
-    processes: int = os.cpu_count() or 1
+    processes: Count = os.cpu_count() or 1
     """number of tasks scored at once"""
     out: Path = Path("report.html")
     """the page"""
@@ -54,8 +54,6 @@ def main(arguments: Arguments) -> str | None:
     """Write the page from the command line."""
     if not arguments.subjects:
         return "error: got nothing to report on; allowed: the folder of a run, runs/NAME"
-    if arguments.processes < 1:
-        return f"error: --processes: got {arguments.processes}; allowed: at least 1"
     write_report(arguments)
     return None
 

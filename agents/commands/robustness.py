@@ -8,7 +8,6 @@ runs. Scores of other variants stay as they are.
 
 import json
 import time
-from dataclasses import dataclass
 from typing import Annotated
 
 import tyro
@@ -22,11 +21,11 @@ from agents.sweeps.results import read_results
 from mm_gym import load_scene
 from mm_gym.errors import check_name
 from mm_gym.files import write_text
+from mm_gym.scene import Document
 from mm_gym.tasks import robust_ids, short_name, task_called
 
 
-@dataclass(frozen=True)
-class Arguments:
+class Arguments(Document):
     """What to score."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()

@@ -7,7 +7,6 @@ Each task has a thousand episodes on which nothing was tuned, trained or chosen.
 import json
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
@@ -26,14 +25,15 @@ from agents.evaluation.sealed import (
     read_sealed,
 )
 from agents.report.score_pages import SEALED, sealed_page
+from agents.training.config import Count
 from mm_gym import load_scene
 from mm_gym.errors import refuse
 from mm_gym.files import write_text
+from mm_gym.scene import Document
 from mm_gym.tasks import ids, path_of
 
 
-@dataclass(frozen=True)
-class Arguments:
+class Arguments(Document):
     """What to score."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -42,7 +42,7 @@ class Arguments:
     """folders of finished runs, or patterns of folders in quotes: the seeds of one training each"""
     folder: Path = Path("runs/sealed")
     """where the penalties are kept, a file a task"""
-    episodes: int = EPISODES
+    episodes: Count = EPISODES
     """episodes of each task; with another number than the default the page is not written"""
 
 

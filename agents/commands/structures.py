@@ -7,7 +7,6 @@ left as it is, but for searches that are asked for: ``--searches gradient``.
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
@@ -25,6 +24,7 @@ from agents.training.runs import Run
 from mm_gym import DesignError, load_scene
 from mm_gym.errors import check_name
 from mm_gym.files import write_text
+from mm_gym.scene import Document
 
 DOCS = Path(__file__).parents[2] / "docs"
 SCORES, PAGE = DOCS / "structure_scores.json", DOCS / "structures.md"
@@ -39,8 +39,7 @@ SEARCHES: dict[str, tuple[Any, Callable[..., None]]] = {
 }
 
 
-@dataclass(frozen=True)
-class Arguments:
+class Arguments(Document):
     """What is searched, and for how long."""
 
     seconds: float = 300.0

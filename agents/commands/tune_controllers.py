@@ -14,39 +14,40 @@ tune-controllers PreStretchRobust --start PreStretch``.
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 
 import tyro
 from filelock import lock_descriptor
+from pydantic import Field
 
 from agents.controllers.registry import MOST_BYTES, NUMBERS, Tunable, entries, read_found
 from agents.controllers.searched import REFUSED, finalists, further_cost, trials
 from agents.errors import command
 from agents.scoring import written
+from agents.training.config import Count
 from mm_gym import DesignError, Scene, SceneError, load_scene
-from mm_gym.errors import refuse, suggest
+from mm_gym.errors import check_name, refuse
 from mm_gym.files import check_outputs, open_lock, read_json, write_text
+from mm_gym.scene import Document
 from mm_gym.tasks import ids, task_or_scene
 
 RUNS = Path("runs") / "controllers"  # where the costs of a search are kept until it ends
 EVERY = 50  # trials after which they are written
 
 
-@dataclass(frozen=True)
-class Arguments:
+class Arguments(Document):
     """What to tune."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """names such as Hybrid, or scene files; by default all tasks of mm_gym"""
     controllers: tuple[str, ...] = ()
     """names as inertial-drive; by default all that have free numbers and apply to the scene"""
-    trials: int = 1000
+    trials: Count = 1000
     """designs that are tried of each controller and scene"""
     start: str | None = None
     """task whose numbers a search begins with, in place of the first ones of a design"""
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
     """seed of the search"""
     out: Annotated[Path, tyro.conf.arg(help_behavior_hint=f"(default: configs/{NUMBERS.name})")] = (
         NUMBERS
@@ -145,26 +146,17 @@ def _with(
 def _check_names(named: Sequence[str], applicable: Mapping[str, Mapping[str, Tunable]]) -> None:
     """Raise `SceneError` if a name is none of those that apply to tasks, or none does."""
     every = sorted({name for names in applicable.values() for name in names})
-    for name in named:
-        if name not in every:
-            msg = (
-                f"--controllers: got {name!r}{suggest(name, every)}; allowed for these tasks: "
-                f"{', '.join(every) or 'none has free numbers here'}"
-            )
-            raise SceneError(msg)
     if not every:
         got = ", ".join(map(str, applicable))
         refuse("tasks", got, "those to which a controller with free numbers applies")
+    for name in named:
+        check_name("--controllers", name, every)
 
 
 @command
 def main(arguments: Arguments) -> None:
     """Tune from the command line."""
     out = arguments.out
-    if arguments.trials < 1:
-        refuse("--trials", f"{arguments.trials}", "at least 1")
-    if arguments.seed < 0:
-        refuse("--seed", f"{arguments.seed}", "at least 0")
     check_outputs([out])
     if os.path.lexists(out):
         read_found(out)  # what is wrong with it is told before the search
