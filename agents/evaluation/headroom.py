@@ -253,11 +253,6 @@ def passive_rows(scene: Scene) -> list[Row]:
     return [scored("passive", passive, Feedback(passive, law))]
 
 
-def best_controller(rows: Iterable[Mapping[str, Any]]) -> float:
-    """Return the cost of the best controller of a task: see `CLASSICAL`."""
-    return min(float(row["cost"]) for row in rows if row["role"] in CLASSICAL)
-
-
 def least_cost(rows: Sequence[Mapping[str, str | float]]) -> float:
     """Return the least cost of all controllers on the task's own plant."""
     return min(float(row["cost"]) for row in rows if row["role"] != "passive")
