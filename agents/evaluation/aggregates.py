@@ -9,6 +9,7 @@ rliable. Arrays (..., tasks, seeds) hold a score for each task and seed; the axe
 resamples.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -119,17 +120,29 @@ def estimate(
     return Estimate(float(value), float(low), float(high))
 
 
-def cost_estimate(sample: Sample, controller: int, resampled: Array) -> Estimate:
-    """Return the cost of one controller over all seeds, with `Sample.resampled` of all."""
-    penalties, drawn = sample.penalties[controller].mean(axis=1), resampled[controller]
-    found = estimate(
-        penalties.mean(),
-        drawn.mean(axis=1),
-        penalties[None],
-        drawn[:, None],
-        trained=bool(sample.trained[controller]),
+def of_means(
+    sample: Sample, resampled: Array, of: Callable[..., Array], *controllers: int
+) -> Estimate:
+    """Return what follows from the mean penalties of controllers in their common episodes.
+
+    The interval is for seeds as those of the first controller. `resampled` is
+    `Sample.resampled` of all.
+    """
+    means = [sample.penalties[k].mean(axis=1) for k in controllers]
+    drawn = [resampled[k] for k in controllers]
+    return estimate(
+        float(of(*(one.mean() for one in means))),
+        of(*(one.mean(axis=1) for one in drawn)),
+        of(*means)[None],
+        of(*drawn)[:, None],
+        trained=bool(sample.trained[controllers[0]]),
         episodes=sample.penalties.shape[2],
     )
+
+
+def cost_estimate(sample: Sample, controller: int, resampled: Array) -> Estimate:
+    """Return the cost of one controller over all seeds, with `Sample.resampled` of all."""
+    found = of_means(sample, resampled, lambda own: own, controller)
     return Estimate(*(float(np.sqrt(max(value, 0.0))) for value in found))
 
 

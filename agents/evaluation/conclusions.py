@@ -1,6 +1,6 @@
 """Conclusions from what was measured: costs, scores, and their intervals."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,10 +10,10 @@ from agents.control.controller import Reads
 from agents.evaluation.aggregates import (
     LEVEL,
     Estimate,
-    Sample,
     cost_estimate,
     estimate,
     interquartile_mean,
+    of_means,
     performance_profile,
     probability_of_improvement,
 )
@@ -121,10 +121,10 @@ def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
     own, other = sample.penalties[k], sample.penalties[reference]
     score = change = None
     if ratio is not None:
-        score = _of_both(sample, k, result.reference, drawn, partial(scores_of, ratio=ratio))
+        score = of_means(sample, drawn, partial(scores_of, ratio=ratio), k, result.reference)
     if k != reference and drawn[reference].all():
-        change = _of_both(
-            sample, k, reference, drawn, lambda own, other: np.sqrt(own / other) - 1.0
+        change = of_means(
+            sample, drawn, lambda own, other: np.sqrt(own / other) - 1.0, k, reference
         )
     return Row(
         controller=result.labels[k],
@@ -136,21 +136,6 @@ def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
         worst_tenth=float(np.sqrt(tail_mean(own.ravel()))),
         change=change,
         episodes_won=float((own < other).mean()),
-    )
-
-
-def _of_both(
-    sample: Sample, k: int, other: int, drawn: Array, of: Callable[[Array, Array], Array]
-) -> Estimate:
-    """Return what follows from the mean penalties of a controller and another in its episodes."""
-    means = sample.penalties.mean(axis=2)
-    return estimate(
-        float(of(means[k].mean(), means[other].mean())),
-        of(drawn[k].mean(axis=1), drawn[other].mean(axis=1)),
-        of(means[k], means[other])[None],
-        of(drawn[k], drawn[other])[:, None],
-        trained=bool(sample.trained[k]),
-        episodes=sample.penalties.shape[2],
     )
 
 
