@@ -204,7 +204,7 @@ def compare_several(arguments: Arguments) -> None:
     )
     studies = Studies(
         arguments.robustness,
-        Records(arguments.records, arguments.unit) if arguments.records else None,
+        Records(arguments.records, arguments.unit),
         arguments.frequency,
         arguments.effort,
     )

@@ -34,6 +34,9 @@ class Records:
     unit: str | None = None  # of their values; by default g for AT2, else m/s^2 or N
 
 
+NONE = Records()
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What one controller did on one changed scene."""
@@ -51,7 +54,7 @@ class Outcome:
     ratio: float  # cost over that on the scene as designed [-]; NaN where that is 0
 
 
-def variants(scene: Scene, records: Records | None = None) -> dict[tuple[str, float], Scene]:
+def variants(scene: Scene, records: Records = NONE) -> dict[tuple[str, float], Scene]:
     """Return the changed scenes by study and level, the scene as it is first.
 
     What the scene draws is drawn from a range that is changed by the same factor. A scene that
@@ -82,18 +85,17 @@ def variants(scene: Scene, records: Records | None = None) -> dict[tuple[str, fl
     for delay in DELAYS:
         drawn = drawn_but(scene, "sensors.delay")
         found[DELAY, float(delay)] = scene.replace(randomization=drawn, **{"sensors.delay": delay})
-    files = records.files if records else ()
-    names = [file.name for file in files]
-    for file in files:
+    names = [file.name for file in records.files]
+    for file in records.files:
         name = file if names.count(file.name) > 1 else file.name
         found[f"{RECORD} {name}", 1.0] = _recorded(scene, file, records.unit)
     return found
 
 
-def check_records(scenes: Iterable[Scene], records: Records | None) -> None:
+def check_records(scenes: Iterable[Scene], records: Records) -> None:
     """Raise `SceneError` if a record cannot be read or does not suit one of the scenes."""
     for scene in scenes:
-        for file in records.files if records else ():
+        for file in records.files:
             try:
                 compile_scene(_recorded(scene, file, records.unit))
             except SceneError as error:
@@ -111,7 +113,7 @@ def _recorded(scene: Scene, file: Path, unit: str | None) -> Scene:
 
 
 def outcomes(
-    scene: Scene, rows: Sequence[Entry], episodes: Episodes, records: Records | None = None
+    scene: Scene, rows: Sequence[Entry], episodes: Episodes, records: Records = NONE
 ) -> list[Outcome]:
     """Return what every controller of a task does on every changed scene.
 
