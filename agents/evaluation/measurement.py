@@ -60,6 +60,11 @@ class TaskResult:
         """Index of what others are compared with: the chosen law, or else the best constant."""
         return self.reference if self.chosen is None else self.chosen
 
+    @property
+    def against(self) -> str:
+        """Label of what others are compared with."""
+        return self.labels[self.compared]
+
 
 def entries(field: Field, task: str) -> tuple[list[Entry], dict[str, str]]:
     """Return the rows of a task, the best constant first, and why others cannot be designed."""

@@ -11,7 +11,6 @@ from rich.console import Console
 
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.conclusions import THRESHOLDS, Comparison, Overall, Row
-from agents.evaluation.measurement import TaskResult
 from agents.report.charts import LINE, draw, frequency, robustness
 from agents.report.pages import not_scored_cells, percent, print_table, render, write_rows
 from mm_gym import SceneError
@@ -56,7 +55,7 @@ def print_comparison(comparison: Comparison) -> None:
         (result,) = comparison.results
         rows = comparison.tables[result.task]
         paired = [(row.controller, *paired_cells(row)) for row in rows if row.change is not None]
-        print_table(f"in the same episodes as {against(result)}", PAIRED, paired)
+        print_table(f"in the same episodes as {result.against}", PAIRED, paired)
     Console().print(episodes_in_words(comparison), highlight=False)
 
 
@@ -70,11 +69,6 @@ def _printed_cells(row: Row) -> tuple[str, ...]:
     label += "" if row.reads == "observation" else f" ({row.reads})"
     score = () if row.score is None else _two(row.score, 2)
     return (label, *_two(row.cost, 3), *score)
-
-
-def against(result: TaskResult) -> str:
-    """Return the name of what the others on a task are compared with."""
-    return result.labels[result.compared]
 
 
 def paired_cells(row: Row) -> tuple[str, str, str]:
@@ -223,7 +217,7 @@ def as_data(comparison: Comparison) -> dict[str, object]:
         "tasks": {
             task: [_as_data(row) for row in rows] for task, rows in comparison.tables.items()
         },
-        "compared_with": {result.task: against(result) for result in comparison.results},
+        "compared_with": {result.task: result.against for result in comparison.results},
         "not_scored": {result.task: dict(result.not_scored) for result in comparison.results},
         "overall": [_as_data(one) for one in comparison.overall],
         "thresholds": THRESHOLDS.tolist(),
@@ -248,7 +242,6 @@ def page(comparison: Comparison) -> str:
         **vars(comparison) | {"episodes": episodes_in_words(comparison)},
         paired=paired_cells,
         not_scored=not_scored_cells,
-        against=against,
     )
 
 

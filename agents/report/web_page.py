@@ -15,7 +15,7 @@ from agents.evaluation.contestants import Episodes, Field
 from agents.evaluation.measurement import Studies, TaskResult
 from agents.evaluation.motions import Motions
 from agents.report.charts import Panel, frequency, robustness
-from agents.report.comparison import against, episodes_in_words, paired_cells
+from agents.report.comparison import episodes_in_words, paired_cells
 from agents.report.pages import FOLDER, not_scored_cells, web_page
 from agents.scoring import FREQUENCY, spread_frequency
 from agents.training.runs import Run, by_dotted_name, commit, versions
@@ -100,7 +100,7 @@ def _on_page(compared: Field, comparison: Comparison, result: TaskResult) -> dic
     fields = by_dotted_name(scene.model_dump(mode="json"))
     return {
         "name": short_name(result.task),
-        "against": against(result),
+        "against": result.against,
         # The ends of the bars of the table [-].
         "span": (min(row.cost.low for row in rows), max(row.cost.high for row in rows)),
         "rows": rows,
