@@ -71,13 +71,10 @@ class Arguments(Document):
 
 
 def score(
-    name: str, agents: list[Controller], earlier: list[Row], plans: Path | None, seed: int
+    name: str, agents: list[Controller], earlier: list[Row], file: Path | None, seed: int
 ) -> list[Row]:
-    """Return the rows of a task, and print them; plans are read from a folder and kept there."""
-    began, file = time.perf_counter(), None
-    if plans is not None:
-        file = _file_of(plans, name)
-    scene, kept = load_scene(name), None
+    """Return the rows of a task, and print them; plans are read from a file and kept there."""
+    began, scene, kept = time.perf_counter(), load_scene(name), None
     if file is not None and os.path.lexists(file):
         kept = _kept_plans(file, (scene.control.steps, EPISODES, len(scene.actuation.names)))
     found = headroom(scene, agents, kept, seed)
@@ -92,10 +89,6 @@ def score(
     for row in rows:
         print(f"  {row['controller']:60} {row['cost']:.4f} [{row['low']:.4f}, {row['high']:.4f}]")
     return rows
-
-
-def _file_of(plans: Path, task: str) -> Path:
-    return plans / f"{path_of(task).stem}.npy"
 
 
 def _kept_plans(file: Path, shape: tuple[int, ...]) -> Array:
@@ -159,9 +152,11 @@ def main(arguments: Arguments) -> str | None:
     scores = read_scores(out) if os.path.lexists(out) else {}
     agents = agents_of(arguments.runs)
     tasks = tasks_called(arguments.tasks or list(agents) or ids())
+    files: dict[str, Path] = {}
+    if plans is not None:
+        files = {name: plans / f"{path_of(name).stem}.npy" for name in tasks}
     if not arguments.check:
-        files = [] if plans is None else [_file_of(plans, name) for name in tasks]
-        check_outputs([out, *files])
+        check_outputs([out, *files.values()])
     if others := ", ".join(short_name(task) for task in agents if task not in tasks):
         refuse("--runs", f"runs of {others}", f"runs of {', '.join(map(short_name, tasks))}")
     for name in tasks:
@@ -178,7 +173,7 @@ def main(arguments: Arguments) -> str | None:
             print(f"{name}: {new['preview']}")
         else:
             known = earlier["rows"] if earlier.get("scene_digest") == scene.digest else []
-            rows = score(name, own, known, plans, arguments.seed)
+            rows = score(name, own, known, files.get(name), arguments.seed)
             new = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
         scores = read_scores(out) if os.path.lexists(out) else {}  # others may have written to it
         before = scores.get(name, {})
