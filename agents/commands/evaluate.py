@@ -114,7 +114,7 @@ class Arguments(Document):
 
 def report_run(
     run: Run,
-    episodes: int = 200,
+    episodes: int = SINGLE,
     *,
     policy: AnyPolicy | None = None,
     name: str = "learned",

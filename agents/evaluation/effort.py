@@ -11,8 +11,6 @@ from agents.rollout import Rollout
 from agents.scoring import spread_frequency
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, SimulationError, metrics
 
-UNCONTROLLED, PASSIVE = "no control", "best passive damper"
-
 
 def efforts(
     scene: Scene, rows: Sequence[Entry], episodes: Episodes
@@ -27,11 +25,11 @@ def efforts(
     seeds = range(episodes.first, episodes.first + episodes.each)
     options = spread_frequency(scene, episodes.each)
     try:
-        references = {UNCONTROLLED: metrics.uncontrolled_response(scene, seeds, options)}
+        references = {"no control": metrics.uncontrolled_response(scene, seeds, options)}
     except SimulationError:
         return []
     with suppress(DesignError):
-        references[PASSIVE] = metrics.passive_response(scene, seeds, options)
+        references["best passive damper"] = metrics.passive_response(scene, seeds, options)
     found: list[dict[str, str | float]] = []
     for row in rows:
         env = MovingMassVectorEnv(scene, len(seeds), autoreset_mode="Disabled")
