@@ -166,11 +166,12 @@ def read_field(
     named = (BASELINES, *(text for text in texts if is_path(text) or text.endswith(ENDINGS)))
     paths = [text for text in texts if "*" in text or "/" in text or Path(text).is_dir()]
     runs = {text: finished_runs(text) for text in paths if text not in named}
+    trained = [one for of_text in runs.values() for one in of_text.values()]
     if reward is None:
-        _require_objective(runs)
+        _require_objective(trained)
     scenes = {task: load_scene(task) for task in map(task_or_scene, tasks)}
     if not scenes:
-        scenes = _scenes_of(runs) or {task: load_scene(task) for task in ids()}
+        scenes = _scenes_of(trained) or {task: load_scene(task) for task in ids()}
     if reward is not None:
         own = OwnReward(reward)
         scenes = {task: rewarded(scene, own) for task, scene in scenes.items()}
@@ -217,17 +218,16 @@ def finished_runs(text: str) -> dict[str, Trained]:
     return found
 
 
-def _require_objective(runs: Mapping[str, Mapping[str, Trained]]) -> None:
+def _require_objective(trained: Sequence[Trained]) -> None:
     """Raise `RunError` if a run was trained for an own reward, which its score would not tell."""
-    for of_scene in runs.values():
-        for run in [run for trained in of_scene.values() for run in trained.runs]:
-            own = run.read()["settings"].get("reward")
-            if own is not None:
-                msg = (
-                    f"{run.folder}: trained for the reward {own}; give --reward {own}, or another "
-                    "FILE.py:NAME, by which all that is compared is scored"
-                )
-                raise RunError(msg)
+    for run in [run for one in trained for run in one.runs]:
+        own = run.read()["settings"].get("reward")
+        if own is not None:
+            msg = (
+                f"{run.folder}: trained for the reward {own}; give --reward {own}, or another "
+                "FILE.py:NAME, by which all that is compared is scored"
+            )
+            raise RunError(msg)
 
 
 def _scene_of(run: Run) -> tuple[str, Scene]:
@@ -245,21 +245,18 @@ def _scene_of(run: Run) -> tuple[str, Scene]:
     return name, run.scene()
 
 
-def _scenes_of(runs: Mapping[str, Mapping[str, Trained]]) -> dict[str, Scene]:
+def _scenes_of(trained: Sequence[Trained]) -> dict[str, Scene]:
     """Return the scenes of all runs by name, tasks of mm_gym first; names must differ."""
     found: dict[str, Trained] = {}
-    for of_scene in runs.values():
-        found |= of_scene
-    names = [trained.name for trained in found.values()]
-    for trained in found.values():
-        if names.count(trained.name) > 1:
+    for one in trained:
+        first = found.setdefault(one.name, one)
+        if first.scene.digest != one.scene.digest:
             msg = (
-                f"{trained.runs[0].folder}: trained on another {trained.name} than other runs; "
+                f"{first.runs[0].folder}: trained on another {one.name} than other runs; "
                 "allowed: runs of the same scene, or --tasks with the scene to compare them on"
             )
             raise RunError(msg)
-    scenes = {trained.name: trained.scene for trained in found.values()}
-    return {name: scenes[name] for name in (*ids(), *scenes) if name in scenes}
+    return {name: found[name].scene for name in (*ids(), *found) if name in found}
 
 
 def tasks_called(names: Iterable[str]) -> list[str]:
