@@ -138,18 +138,13 @@ class OwnReward:
             raise SceneError(self.fault(lanes[:, wrong[0]]))
 
     def _check_channels(self, scene: Scene) -> None:
-        missing = {}
-        if scene.springs.kind in WITHOUT_STRETCH:
-            missing["stretch"] = "springs with a stretch; set springs.kind"
-        if scene.actuation.force is None:
-            missing["applied_force"] = "an actuator; set actuation.force"
-        for name in ("damping", "voltage"):
-            if name not in scene.actuation.names:
-                missing[name] = f"an actuator; set actuation.{name}"
-        for name in self.arguments:
-            if name in missing:
-                msg = f"reward: {self.name}: the argument {name!r} needs {missing[name]}"
-                raise SceneError(msg)
+        """Refuse a channel that the sensors of the scene could not show."""
+        for rule in Scene.rules:
+            if rule.fields[0] == "sensors.channels":
+                text = rule.finding(self.arguments, *map(scene.value_of, rule.fields[1:]))
+                if text is not None:
+                    where = f"reward: {self.name}: the argument"
+                    raise SceneError(text.replace("sensors.channels:", where))
 
     def fault(self, lane: Array) -> str:
         """Return what is wrong with the cost of a lane (rows,): what was returned or raised."""

@@ -11,7 +11,7 @@ from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import refuse
 from mm_gym.records.options import MOST_LINES
-from mm_gym.scene.part import Part, Ratio, Rule, below, listed, never, ordered
+from mm_gym.scene.part import Part, Ratio, Rule, below, listed, never, one_of, ordered
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -204,14 +204,6 @@ def _unit_of_target(unit: object, info: ValidationInfo) -> object:
     raise PydanticKnownError("literal_error", {"expected": expected})  # noqa: EM101
 
 
-def _one_measure(peak: object, spectral: object) -> str | None:
-    if (peak is None) != (spectral is None):
-        return None
-    if peak is None:
-        return "peak: missing; allowed: peak or spectral_acceleration"
-    return "peak: got spectral_acceleration too; allowed: one of them"
-
-
 def _with_period(spectral: object, period: float | None) -> str | None:
     if (spectral is None) == (period is None):
         return None
@@ -236,7 +228,7 @@ class ScaleTo(Part):
     """its damping ratio [-]"""
 
     rules: ClassVar[tuple[Rule, ...]] = (
-        Rule(("peak", "spectral_acceleration"), _one_measure),
+        one_of("peak", "spectral_acceleration", "peak or spectral_acceleration"),
         Rule(("spectral_acceleration", "period"), _with_period),
         never(
             ("spectral_acceleration", "damping"),
@@ -247,22 +239,6 @@ class ScaleTo(Part):
 
 
 MOST_FILES = 1000  # records of a set, at most
-
-
-def _one_source(file: str | None, files: object) -> str | None:
-    if (file is None) != (files is None):
-        return None
-    if file is None:
-        return "file: missing; allowed: file, or files for a set of records"
-    return "files: got file too; allowed: one of them"
-
-
-def _shakes(target: str, mass: float | None, scale_to: ScaleTo | None) -> str | None:
-    if target == "ground" or scale_to is None or scale_to.spectral_acceleration is None:
-        return None
-    if mass is not None:
-        return None
-    return "scale_to: spectral_acceleration is of the ground's motion; got target = 'force'"
 
 
 class Recorded(Sampled):
@@ -311,13 +287,17 @@ class Recorded(Sampled):
     """time of the record [s] at which an episode begins"""
 
     rules: ClassVar[tuple[Rule, ...]] = (
-        Rule(("file", "files"), _one_source),
+        one_of("file", "files", "file, or files for a set of records"),
         never(
             ("scale", "scale_to"),
             lambda scale, scale_to: scale != 1.0 and scale_to is not None,
             "scale: has no effect with scale_to",
         ),
-        Rule(("target", "inertial_mass", "scale_to"), _shakes),
+        never(
+            ("target", "inertial_mass", "scale_to.spectral_acceleration"),
+            lambda target, mass, spectral: target == "force" and mass is None and spectral,
+            "scale_to: spectral_acceleration is of the ground's motion; got target = 'force'",
+        ),
         never(
             ("inertial_mass", "target"),
             lambda mass, target: mass is not None and target != "force",

@@ -128,7 +128,7 @@ def joint_findings(
         names += [f"randomization.{each}" for each in names]
         if given.intersection(rule.fields) or not is_known(names, wrong):
             continue
-        stated = {field: getattr(part, field) for field in rule.fields}
+        stated = {field: part.value_of(field) for field in rule.fields}
         if not drawn or rule.finding(*stated.values()) is not None:
             continue
         ends = [ranges.get(field, (value,)) for field, value in stated.items()]

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from mm_gym.scene.excitation import NonNegative, Positive
-from mm_gym.scene.part import Part, Ratio, Rule, below
+from mm_gym.scene.part import Part, Ratio, Rule, below, never
 
 GRAVITY = 9.81
 """Acceleration of gravity in the paper [m/s^2]; by default F_N is sphere.mass * GRAVITY."""
@@ -122,12 +122,6 @@ class BoucWen(Part):
     """c [N s/m]"""
 
 
-def _beta_within_gamma(beta: float, gamma: float) -> str | None:
-    if abs(beta) <= gamma:
-        return None
-    return f"beta: got {beta}; allowed: at most gamma = {gamma} in magnitude"
-
-
 class Magnetorheological(Part):
     """Magnetorheological damper, driven by a voltage: the modified Bouc-Wen model.
 
@@ -163,7 +157,13 @@ class Magnetorheological(Part):
     beta: float = 3.63e6
     """beta [1/m^2], at most gamma in magnitude: more would be a source of energy"""
 
-    rules: ClassVar[tuple[Rule, ...]] = (Rule(("beta", "gamma"), _beta_within_gamma),)
+    rules: ClassVar[tuple[Rule, ...]] = (
+        never(
+            ("beta", "gamma"),
+            lambda beta, gamma: abs(beta) > gamma,
+            "beta: got {0}; allowed: at most gamma = {1} in magnitude",
+        ),
+    )
 
 
 class NoSprings(Part):

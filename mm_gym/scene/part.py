@@ -27,11 +27,15 @@ class Rule(NamedTuple):
     finding: Callable[..., str | None]  # their values -> what is wrong, as "field: text", or None
 
 
-def never(fields: tuple[str, str], are: Callable[[Any, Any], bool], text: str) -> Rule:
-    """Return the rule that two fields are never so; the text says what is wrong then."""
+def never(
+    fields: tuple[str, ...],
+    are: Callable[[Any, Any], bool] | Callable[[Any, Any, Any], bool],
+    text: str,
+) -> Rule:
+    """Return the rule that fields are never so; the text, with their values, says what is wrong."""
 
-    def finding(one: object, other: object) -> str | None:
-        return text if are(one, other) else None
+    def finding(*values: object) -> str | None:
+        return text.format(*values) if are(*values) else None
 
     return Rule(fields, finding)
 
@@ -39,13 +43,23 @@ def never(fields: tuple[str, str], are: Callable[[Any, Any], bool], text: str) -
 def below(low: str, high: str, *, or_equal: bool = False) -> Rule:
     """Return the rule that a field is less than another, or at most that."""
     allowed = "at most" if or_equal else "less than"
+    return never(
+        (low, high),
+        lambda one, other: one > other or (one == other and not or_equal),
+        f"{low}: got {{0}}; allowed: {allowed} {high} = {{1}}",
+    )
 
-    def finding(one: float, other: float) -> str | None:
-        if one < other or (or_equal and one == other):
-            return None
-        return f"{low}: got {one}; allowed: {allowed} {high} = {other}"
 
-    return Rule((low, high), finding)
+def one_of(one: str, other: str, allowed: str) -> Rule:
+    """Return the rule that one of two fields is stated, and not both."""
+
+    def finding(first: object, second: object) -> str | None:
+        if first is None and second is None:
+            return f"{one}: missing; allowed: {allowed}"
+        both = first is not None and second is not None
+        return f"{one}: got {other} too; allowed: one of them" if both else None
+
+    return Rule((one, other), finding)
 
 
 class Ratio(NamedTuple):

@@ -146,41 +146,15 @@ WITHIN = ("actuation.stretch.minimum", "actuation.stretch.maximum", "springs.kin
 """What the rules read that keep a stretch within its actuator's limits."""
 
 
-def _can_be_stretched(actuator: Part | None, kind: str) -> str | None:
-    if actuator is None or kind not in WITHOUT_STRETCH:
-        return None
-    return f"actuation.stretch: there are no springs to stretch; {_without_stretch(kind)}"
+NO_STRETCH = "springs.kind: got {1!r}; allowed: 'small_on_large', 'finite_stretch'"
 
 
-def _sees_stretch(channels: tuple[str, ...], kind: str) -> str | None:
-    if kind not in WITHOUT_STRETCH or "stretch" not in channels:
-        return None
-    return f"sensors.channels: 'stretch' needs springs with a stretch; {_without_stretch(kind)}"
-
-
-def _without_stretch(kind: str) -> str:
-    return f"springs.kind: got {kind!r}; allowed: 'small_on_large', 'finite_stretch'"
-
-
-def _has_damper(actuator: DampingActuator | None, kind: str) -> str | None:
-    if actuator is None or actuator.of != "interface" or kind == "viscous":
-        return None
-    return (
-        f"actuation.damping.of: got 'interface'; allowed: 'carriage', because interface.kind = "
-        f"{kind!r} has no damping to control; set interface.kind = 'viscous'"
+def _needs_actuator(channel: str, name: str) -> Rule:
+    return never(
+        ("sensors.channels", f"actuation.{name}"),
+        lambda channels, actuator: channel in channels and actuator is None,
+        f"sensors.channels: {channel!r} needs an actuator; set actuation.{name}",
     )
-
-
-def _has_voltage(actuator: VoltageActuator | None, kind: str) -> str | None:
-    if actuator is None or kind == "magnetorheological":
-        return None
-    return f"actuation.voltage: interface.kind: got {kind!r}; allowed: 'magnetorheological'"
-
-
-def _sees(channel: str, name: str, channels: tuple[str, ...], actuator: Part | None) -> str | None:
-    if actuator is not None or channel not in channels:
-        return None
-    return f"sensors.channels: {channel!r} needs an actuator; set actuation.{name}"
 
 
 def _within(
@@ -276,15 +250,30 @@ class Scene(Document):
     solver: Solver = Solver()
 
     rules: ClassVar[tuple[Rule, ...]] = (
-        Rule(("actuation.stretch", "springs.kind"), _can_be_stretched),
-        Rule(("sensors.channels", "springs.kind"), _sees_stretch),
-        Rule(("sensors.channels", "actuation.force"), partial(_sees, "applied_force", "force")),
-        Rule(("actuation.damping", "interface.kind"), _has_damper),
-        Rule(("actuation.voltage", "interface.kind"), _has_voltage),
-        *(
-            Rule(("sensors.channels", f"actuation.{name}"), partial(_sees, name, name))
-            for name in ("damping", "voltage")
+        never(
+            ("actuation.stretch", "springs.kind"),
+            lambda actuator, kind: actuator is not None and kind in WITHOUT_STRETCH,
+            f"actuation.stretch: there are no springs to stretch; {NO_STRETCH}",
         ),
+        never(
+            ("sensors.channels", "springs.kind"),
+            lambda channels, kind: "stretch" in channels and kind in WITHOUT_STRETCH,
+            f"sensors.channels: 'stretch' needs springs with a stretch; {NO_STRETCH}",
+        ),
+        never(
+            ("actuation.damping.of", "interface.kind"),
+            lambda damped, kind: damped == "interface" and kind != "viscous",
+            "actuation.damping.of: got 'interface'; allowed: 'carriage', because interface.kind = "
+            "{1!r} has no damping to control; set interface.kind = 'viscous'",
+        ),
+        never(
+            ("actuation.voltage", "interface.kind"),
+            lambda actuator, kind: actuator is not None and kind != "magnetorheological",
+            "actuation.voltage: interface.kind: got {1!r}; allowed: 'magnetorheological'",
+        ),
+        _needs_actuator("applied_force", "force"),
+        _needs_actuator("damping", "damping"),
+        _needs_actuator("voltage", "voltage"),
         *(
             Rule((f"actuation.{name.split('.')[1]}", name), partial(_begins_within, name))
             for name in ("interface.damping", "carriage.damping", "interface.voltage")

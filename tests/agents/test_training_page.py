@@ -119,7 +119,7 @@ def written(folder, text, name="own.py"):
         (
             "own.py:cost",
             "def cost(stretch): return 0.0",
-            "needs springs with a stretch; set springs.kind",
+            "needs springs with a stretch; springs.kind: got",
         ),
         (
             "own.py:cost",

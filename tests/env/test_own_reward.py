@@ -305,7 +305,7 @@ def beyond_the_limit(carriage_displacement):
         (array, "array returns array"),
         (imports, "imports cannot be compiled by numba: Use of unsupported opcode"),
         (misspelt, "got the argument 'slip_velocty'; did you mean 'slip_velocity'"),
-        (stretches, "the argument 'stretch' needs springs with a stretch; set springs.kind"),
+        (stretches, "the argument 'stretch' needs springs with a stretch; springs.kind: got"),
         (nothing, "got the argument ''; allowed: carriage_displacement"),
         (complex_number, "returns complex128"),
         (takes_any, r"got the argument '\*\*slip_velocity'; did you mean 'slip_velocity'"),

@@ -223,7 +223,7 @@ def test_scene_file_names_a_set_relative_to_its_folder(tmp_path, folder, monkeyp
     ("options", "words"),
     [
         ({"files": None}, "excitation.0.file: missing; allowed: file, or files for a set"),
-        ({"file": "m0.csv"}, "excitation.0.files: got file too; allowed: one of them"),
+        ({"file": "m0.csv"}, "excitation.0.file: got files too; allowed: one of them"),
         ({"files": []}, "excitation.0.files: got []; allowed: at least 1"),
         ({"files": ""}, "excitation.0.files: "),
         ({"files": [1]}, "excitation.0.files"),
