@@ -6,12 +6,12 @@ Equations are those of `docs/structures.md`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
-import numpy as np
-
-from mm_gym.errors import StructureError, check_name, refuse, suggest
+from mm_gym.errors import SceneError, StructureError, check_name, positive_number, refuse
+from mm_gym.scene.excitation import Excitation
 from mm_gym.scene.part import Part
+from mm_gym.scene.scene import Scene
 
 Entry = Mapping[str, object] | Part
 
@@ -26,10 +26,6 @@ SIZES = {
 }
 """Kind of excitation -> the field that its strength is proportional to."""
 
-REPEATED = ("harmonic", "sweep", "record")
-"""Kinds that are the same function of time in two entries of one scene, unless each draws its
-own record; so is an impulse of one size at a given time."""
-
 MEASURES = ("peak", "spectral_acceleration")  # fields of `scale_to` that may be drawn
 
 SAME = 1e-12  # relative difference of the ground's effect on both masses that is round-off
@@ -38,7 +34,7 @@ SAME = 1e-12  # relative difference of the ground's effect on both masses that i
 class Effect(NamedTuple):
     """An entry of a scene, and the factor that multiplied its strength."""
 
-    entry: dict[str, object]
+    entry: dict[str, Any]
     factor: float
 
 
@@ -54,48 +50,36 @@ class Shaking(NamedTuple):
     ) -> list[list[Effect]]:
         """Return the one or two entries that stand for each motion of the ground."""
         check_name("mapping", mapping, ("exact", "balanced"), StructureError)
-        check_mass(mass)
+        positive_number("mass", mass, StructureError)
         entries = [ground] if isinstance(ground, Part | Mapping) else ground
         return [
-            self._entries(f"ground.{place}", _stated(entry), mass, mapping)
+            self._entries(f"ground.{place}", entry, mass, mapping)
             for place, entry in enumerate(entries)
         ]
 
-    def _entries(
-        self, name: str, entry: dict[str, object], mass: float, mapping: str
-    ) -> list[Effect]:
-        kind = entry.get("kind")
-        if not isinstance(kind, str) or kind not in SIZES:
-            nearest = suggest(kind, SIZES) if isinstance(kind, str) else ""
-            refuse(f"{name}.kind", f"{kind!r}{nearest}", ", ".join(SIZES), StructureError)
-        if entry.setdefault("target", "ground") != "ground":
-            refuse(f"{name}.target", f"{entry['target']!r}", "'ground'", StructureError)
+    def _entries(self, name: str, entry: Entry, mass: float, mapping: str) -> list[Effect]:
+        part = _part(name, entry)
         gamma, own = self.participation, self.ground
 
         def scaled(factor: float) -> Effect:
-            return Effect(_scaled(name, entry, factor), factor)
+            return Effect(_scaled(name, part, factor), factor)
 
         if abs(gamma - own) <= SAME * abs(gamma):  # one storey: the ground moves both alike
             return [scaled(own)]
-        if mapping == "balanced" or not _is_repeated(entry):
+        if mapping == "balanced" or not _is_repeated(part):
             return [scaled(self.balance(mass))]
         difference = (gamma - own) * self.mass
-        if kind == "record":
-            force = Effect(entry | {"target": "force", "inertial_mass": difference}, 1.0)
+        if part.kind == "record":
+            force = scaled(1.0)
+            force.entry.update(target="force", inertial_mass=difference)
         else:
-            force = Effect(scaled(-difference).entry | {"target": "force"}, -difference)
+            force = scaled(-difference)
+            force.entry.update(target="force")
         return ([scaled(own)] if own != 0.0 else []) + [force]
 
     def balance(self, mass: float) -> float:
         """Return the factor of a motion that moves both alike, with a device of a mass [kg]."""
         return (self.participation * self.mass + self.ground * mass) / (self.mass + mass)
-
-
-def check_mass(mass: float) -> None:
-    """Refuse what is no mass of a device [kg]."""
-    if isinstance(mass, bool) or not isinstance(mass, int | float) or not 0.0 < mass < np.inf:
-        allowed = "a number greater than 0, the mass of the device [kg]"
-        refuse("mass", f"{mass!r}", allowed, StructureError)
 
 
 def scaled_draws(drawn: object, shaken: list[list[Effect]]) -> object:
@@ -119,55 +103,55 @@ def scaled_draws(drawn: object, shaken: list[list[Effect]]) -> object:
                 "which would draw different values; set mapping='balanced'"
             )
             raise StructureError(msg)
-        if field == SIZES[cast("str", entry["kind"])]:
+        if field == SIZES[entry["kind"]]:
             ranges[name] = _times(field, value, factor)
     return ranges
 
 
-def _stated(entry: Entry) -> dict[str, object]:
-    if not isinstance(entry, Part):
-        return dict(entry)
-    return {"kind": getattr(entry, "kind", None), **entry.model_dump(exclude_unset=True)}
+def _part(name: str, entry: Entry) -> Excitation:
+    """Return an entry for the ground as a part of a scene."""
+    stated = dict(entry)
+    if isinstance(entry, Part):  # its defaults are not stated
+        stated = {"kind": entry.value_of("kind"), **entry.model_dump(exclude_unset=True)}
+    if stated.setdefault("target", "ground") != "ground":
+        refuse(f"{name}.target", f"{stated['target']!r}", "'ground'", StructureError)
+    try:
+        (part,) = Scene(excitation=[stated]).excitation
+    except SceneError as error:
+        raise StructureError(str(error).replace("excitation.0", name)) from None
+    return part
 
 
-def _is_repeated(entry: Mapping[str, object]) -> bool:
-    if entry["kind"] == "impulse":
-        return not entry.get("rate") and isinstance(entry.get("size"), int | float)
-    return entry["kind"] in REPEATED and not _draws(entry)
+def _is_repeated(part: Excitation) -> bool:
+    """Tell whether two such parts of one scene would be the same function of time."""
+    if part.kind == "impulse":
+        return part.rate == 0.0 and not isinstance(part.size, tuple)
+    if part.kind == "record":
+        draws_file = isinstance(part.files, str) or len(part.files or ()) > 1
+        return not (draws_file or any(isinstance(m, tuple) for m in _measures(part).values()))
+    return part.kind in {"harmonic", "sweep"}
 
 
-def _draws(entry: Mapping[str, object]) -> bool:
-    """Tell whether a record draws its file, or the value that it is scaled to."""
-    files, target = entry.get("files"), _target(entry)
-    if isinstance(files, list | tuple):
-        is_set = len(cast("Sequence[object]", files)) > 1
-    else:
-        is_set = files is not None  # a pattern
-    return is_set or any(isinstance(target.get(name), list | tuple) for name in MEASURES)
+def _measures(part: Part) -> dict[str, object]:
+    """Return what a record is scaled to, by the fields of `scale_to` that may be drawn."""
+    measures = {name: part.value_of(f"scale_to.{name}") for name in MEASURES}
+    return {name: value for name, value in measures.items() if value is not None}
 
 
-def _target(entry: Mapping[str, object]) -> dict[str, object]:
-    """Return what a record is scaled to; empty if it is not, or if it is no table."""
-    target = entry.get("scale_to")
-    if isinstance(target, Part):
-        return target.model_dump(exclude_unset=True)
-    return dict(cast("Mapping[str, object]", target)) if isinstance(target, Mapping) else {}
-
-
-def _scaled(name: str, entry: Mapping[str, object], factor: float) -> dict[str, object]:
-    """Return an entry that is a factor stronger; what cannot be multiplied is left to the scene."""
+def _scaled(name: str, part: Excitation, factor: float) -> dict[str, Any]:
+    """Return a part as an entry that is a factor stronger."""
+    entry = part.model_dump(exclude_unset=True)
+    size, measures = SIZES[part.kind], _measures(part)
     if factor == 1.0:
-        return dict(entry)
-    size = SIZES[cast("str", entry["kind"])]
-    if size == "scale" and entry.get("scale_to") is not None:
-        if factor <= 0.0:  # a measure has no sign
-            got = f"a record to multiply by {factor:g}"
-            refuse(f"{name}.scale_to", got, "a factor above 0; set scale instead", StructureError)
-        target = _target(entry)
-        measured = {key: _times(key, target[key], factor) for key in MEASURES if key in target}
-        return {**entry, "scale_to": target | measured or entry["scale_to"]}
-    value = entry.get(size, 1.0 if size == "scale" else None)
-    return dict(entry) if value is None else {**entry, size: _times(size, value, factor)}
+        return entry
+    if not measures:
+        return entry | {size: _times(size, part.value_of(size), factor)}
+    if factor <= 0.0:  # a measure has no sign
+        got = f"a record to multiply by {factor:g}"
+        refuse(f"{name}.scale_to", got, "a factor above 0; set scale instead", StructureError)
+    for key, value in measures.items():
+        entry["scale_to"][key] = _times(key, value, factor)
+    return entry
 
 
 def _times(name: str, value: object, factor: float) -> object:

@@ -18,14 +18,14 @@ from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
 from mm_gym.arrays import Array
-from mm_gym.errors import StructureError, finite_numbers, refuse
+from mm_gym.errors import StructureError, finite_numbers, positive_number, refuse
 from mm_gym.files import write_text
 from mm_gym.plant.compile import compile_scene
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import toml_of
 from mm_gym.simulation.simulate import record_of, simulate
 from mm_gym.simulation.trajectory import Trajectory
-from mm_gym.structure.ground import Entry, Shaking, check_mass, scaled_draws
+from mm_gym.structure.ground import Entry, Shaking, scaled_draws
 
 if TYPE_CHECKING:
     from mm_gym.simulation.simulate import Policy
@@ -501,7 +501,7 @@ class Reduction:
         SceneError
             If the scene is not valid; `StructureError` for an argument of this function.
         """
-        check_mass(mass)
+        positive_number("mass", mass, StructureError)
         tuned = self._absorber(mass, absorber)
         twice = {"carriage", "sphere", *tuned} & set(fields)
         if twice:

@@ -171,8 +171,8 @@ def test_balanced_error_of_a_device_without_damping_and_springs_has_no_value():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"ground": {"kind": "harmonics"}}, ["ground.0.kind", "did you mean 'harmonic'?"]),
-        ({"ground": [HARMONIC, {}]}, ["ground.1.kind", "None"]),
+        ({"ground": {"kind": "harmonics"}}, ["ground.0: unknown kind", "did you mean 'harmonic'?"]),
+        ({"ground": [HARMONIC, {}]}, ["ground.1: 'kind' is missing"]),
         ({"ground": HARMONIC | {"target": "force"}}, ["ground.0.target", "'ground'"]),
         ({"mapping": "exakt"}, ["mapping", "did you mean 'exact'?"]),
         ({"mass": -1.0}, ["mass", "-1.0", "greater than 0"]),
@@ -186,7 +186,7 @@ def test_balanced_error_of_a_device_without_damping_and_springs_has_no_value():
         ({"controls": {}}, ["controls", "did you mean 'control'?"]),
         (
             {"ground": {"kind": "harmonic", "amplitude": "2", "frequency": 1.0}},
-            ["amplitude", "'2'"],
+            ["ground.0.amplitude", "'2'"],
         ),
     ],
 )
@@ -309,7 +309,7 @@ def test_balanced_record_is_scaled_to_more(files):
     opposed = Structure([[2.0]], [[50.0]], 0.02, influence=[-0.5]).reduce(1)
     with pytest.raises(StructureError, match=r"ground\.0\.scale_to: got .*-0\.5; allowed"):
         opposed.scene(0.3, ground=entry, **PARTS)
-    with pytest.raises(SceneError, match=r"excitation\.0\.scale_to: got 3"):
+    with pytest.raises(SceneError, match=r"ground\.0\.scale_to: got 3"):
         FRAME.scene(0.3, ground=entry | {"scale_to": 3}, mapping="balanced", **PARTS)
 
 
