@@ -133,8 +133,9 @@ def _leaves(table: dict[str, object], prefix: str = "") -> Iterator[tuple[str, o
 
 Names: TypeAlias = tuple[str, ...]
 
-MOST_WORK = 1_000_000
-"""Characters parsed again for statements of several lines; later statements get no line."""
+MOST_WORK = 500_000
+"""Characters parsed again, of headers and of statements of several lines; later statements get no
+line."""
 
 DEEPEST = 10  # levels of nested names that get a line; a scene has fewer
 
@@ -142,45 +143,29 @@ DEEPEST = 10  # levels of nested names that get a line; a scene has fewer
 def lines_of(text: str) -> dict[str, int]:
     """Return dotted name -> line of the statement that sets it, for text that is valid TOML.
 
-    The parser itself finds the statements: each is the smallest number of lines that is TOML on its
-    own. Names within a value get the line on which the value begins; in a list over several lines,
-    the line on which their entry ends.
+    The parser itself finds the statements: each is the smallest number of lines that is TOML behind
+    the headers of tables before it. Names within a value get the line on which the value begins; in
+    a list over several lines, the line on which their entry ends.
     """
-    lines: dict[str, int] = {}
-    table: Names = ()
-    counts: dict[Names, int] = {}  # entries so far of each array of tables
-    for number, statement, data in _statements(text):
-        if data and statement.startswith("["):
-            *above, last = _header(data)
-            table = (*_resolved(above, counts), last)
-            if statement.startswith("[["):
-                counts[table] = counts.get(table, 0) + 1
-            table = _resolved([last], counts, table[:-1])
-            names = [()]
-        else:
-            names = _names(data)
-        for name in names:
-            path = (*table, *name)
-            for depth in range(1, len(path) + 1):
-                lines.setdefault(dotted_name(path[:depth]), number)
-    return lines
-
-
-def _statements(text: str) -> Iterator[tuple[int, str, dict[str, object]]]:
-    """Yield line, text and data of each statement; a list of several lines entry by entry first."""
+    found: dict[str, int] = {}
     lines = text.replace("\r\n", "\n").split("\n")
-    first, work = 0, 0
+    headers, first, work = "", 0, 0
     while first < len(lines) and work < MOST_WORK:
         for end in range(first + 1, len(lines) + 1):
             statement = "\n".join(lines[first:end]).lstrip()
-            if (data := _parsed(statement)) is not None:
-                yield first + 1, statement, data
+            number, data = first + 1, _parsed(headers + statement)
+            is_whole = data is not None
+            if data is None:  # perhaps a list, entry by entry
+                number, data = end, _parsed(f"{headers}{statement}\n]") or {}
+            for names in _names(data):
+                found.setdefault(dotted_name(names), number)
+            work += len(headers) + (0 if is_whole else 2 * len(statement))
+            if is_whole:
+                headers += f"{statement}\n" if statement.startswith("[") else ""
                 first = end
+            if is_whole or work > MOST_WORK:
                 break
-            work += 2 * len(statement)
-            if work > MOST_WORK:
-                break
-            yield end, statement, _parsed(f"{statement}\n]") or {}
+    return found
 
 
 def _parsed(text: str) -> dict[str, object] | None:
@@ -191,40 +176,16 @@ def _parsed(text: str) -> dict[str, object] | None:
         return None
 
 
-def _header(data: object) -> list[str]:
-    """Return the names in ``[a.b]`` or ``[[a.b]]`` from its data."""
-    names: list[str] = []
-    while data:
-        if isinstance(data, list):
-            data = cast("list[object]", data)[0]
-        else:
-            ((name, data),) = cast("dict[str, object]", data).items()
-            names.append(name)
-    return names
-
-
-def _resolved(names: list[str], counts: dict[Names, int], path: Names = ()) -> Names:
-    """Return the path of a table; in an array of tables, the path in its last entry."""
-    for name in names:
-        path = (*path, name)
-        if path in counts:
-            path = (*path, str(counts[path] - 1))
-    return path
-
-
-def _names(value: object, depth: int = 0) -> Iterator[Names]:
-    """Yield the paths of a value and of everything in it."""
-    yield ()
-    if depth == DEEPEST:
-        return
+def _names(value: object, outer: Names = ()) -> Iterator[Names]:
+    """Yield the names that lead to everything in a value."""
     items: dict[str, object] = {}
     if isinstance(value, dict):
         items = cast("dict[str, object]", value)
     elif isinstance(value, list):
         items = {str(i): entry for i, entry in enumerate(cast("list[object]", value))}
-    for name, entry in items.items():
-        for path in _names(entry, depth + 1):
-            yield (name, *path)
+    for name, entry in items.items() if len(outer) < DEEPEST else ():
+        yield (*outer, name)
+        yield from _names(entry, (*outer, name))
 
 
 def load_scene(path: str | PathLike[str]) -> Scene:
