@@ -5,33 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from itertools import product
-from typing import Any, Generic, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from pydantic import ValidationError
 
-from mm_gym.scene.part import FIELDS_ONLY, Part, dotted_name, is_known, located
+from mm_gym.scene.part import FIELDS_ONLY, Part, dotted_name, is_known, located, plain
 
 P = TypeVar("P", bound=Part)
 
 ROUNDS = 10
 """Most rounds of mending: a mended kind may show wrong fields that were not looked at before."""
 
-DEEPEST = 5  # levels of data that are copied; a scene has fewer
-
 STANDS_IN = {"kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
 """Values in place of wrong ones without a default; all others are 1."""
 
 
-class Draft(NamedTuple, Generic[P]):
-    """A part whose wrong fields were replaced by values that are allowed."""
+def draft_of(model: type[P], data: Mapping[str, object]) -> tuple[P, frozenset[str]] | None:
+    """Return the data with values that are allowed in place of wrong ones, and the wrong ones.
 
-    part: P  # the part, whose rules across fields are not checked
-    wrong: frozenset[str]  # dotted names of what was wrong or missing
-
-
-def draft_of(model: type[P], data: Mapping[str, object]) -> Draft[P] | None:
-    """Return the data as a draft, or None if too much of it is wrong."""
-    mended, wrong = cast("dict[str, Any]", _plain(data)), set[str]()
+    These are the dotted names of what was wrong or missing. The rules across fields are not
+    checked. None is returned if too much is wrong.
+    """
+    mended, wrong = cast("dict[str, Any]", plain(data)), set[str]()
     for _ in range(ROUNDS):
         try:
             part = model.model_validate(mended, context=FIELDS_ONLY)
@@ -40,7 +35,7 @@ def draft_of(model: type[P], data: Mapping[str, object]) -> Draft[P] | None:
                 names, owner = located(model, finding["loc"])
                 wrong.add(_mend(mended, names, owner, finding["type"]))
         else:
-            return Draft(part, frozenset(wrong))
+            return part, frozenset(wrong)
     return None
 
 
@@ -55,20 +50,6 @@ def findings_of(part: Part, wrong: frozenset[str], prefix: str = "") -> Iterator
                 yield from findings_of(child, wrong, f"{prefix}{place}.")
     for text in part.findings(wrong, prefix):
         yield prefix + text
-
-
-def _plain(value: object, depth: int = 0) -> object:
-    """Return a copy of data in which parts are dictionaries, and tuples lists."""
-    if isinstance(value, Part):
-        value = value.model_dump()
-    if depth == DEEPEST:
-        return value
-    if isinstance(value, dict):
-        items = cast("dict[object, object]", value).items()
-        return {key: _plain(entry, depth + 1) for key, entry in items}
-    if isinstance(value, list | tuple):
-        return [_plain(entry, depth + 1) for entry in cast("list[object]", value)]
-    return value
 
 
 def _mend(data: dict[str, Any], names: list[str], owner: type[Part] | None, kind: str) -> str:

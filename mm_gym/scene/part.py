@@ -325,17 +325,20 @@ def put(data: dict[str, Data], changes: Mapping[str, object]) -> None:
             holder[last] = value
 
 
-def plain(value: object) -> Data:
+DEEPEST = 5  # levels of data that are copied; a scene has fewer
+
+
+def plain(value: object, depth: int = 0) -> Data:
     """Return a value as JSON and TOML have it: parts as tables, tuples and arrays as lists."""
     if isinstance(value, Part):
         return cast("Data", value.model_dump(mode="json"))
     if isinstance(value, np.ndarray | np.generic):
         return cast("Data", cast("NDArray[np.generic]", value).tolist())
-    if isinstance(value, dict):
+    if isinstance(value, dict) and depth < DEEPEST:
         items = cast("dict[str, object]", value).items()
-        return {name: plain(entry) for name, entry in items}
-    if isinstance(value, list | tuple):
-        return [plain(entry) for entry in cast("list[object]", value)]
+        return {name: plain(entry, depth + 1) for name, entry in items}
+    if isinstance(value, list | tuple) and depth < DEEPEST:
+        return [plain(entry, depth + 1) for entry in cast("list[object]", value)]
     return cast("Data", value)
 
 
