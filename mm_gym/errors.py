@@ -102,6 +102,21 @@ def positive_number(field: str, value: object, error: type[Exception] = SceneErr
     return finite_number(field, value, error, above=0.0)
 
 
+def whole_number(
+    field: str,
+    value: int | np.integer,
+    least: int = 1,
+    most: float = np.inf,
+    error: type[Exception] = SceneError,
+) -> int:
+    """Return an integer of Python or NumPy from `least` to `most`; refuse anything else."""
+    is_integer = type(value) is int or isinstance(value, np.integer)
+    if not is_integer or not least <= value <= most:
+        some = f"of at least {least}" if most == np.inf else f"from {least} to {most}"
+        refuse(field, f"{value!r}", f"an integer {some}", error)
+    return int(value)
+
+
 def suggest(name: str, allowed: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the nearest allowed name, or an empty string."""
     nearest = get_close_matches(name, list(allowed), n=1)

@@ -12,8 +12,8 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from mm_gym.env.arguments import checked_autoreset_mode, checked_count
-from mm_gym.errors import refuse
+from mm_gym.env.arguments import checked_autoreset_mode
+from mm_gym.errors import refuse, whole_number
 
 try:
     from stable_baselines3.common.monitor import Monitor, ResultsWriter
@@ -108,7 +108,7 @@ def make_vec_env(
     """
     kwargs |= env_kwargs or {}
     if seed is not None:
-        seed = checked_count(seed, "seed", 0, error=ValueError)
+        seed = whole_number("seed", seed, 0, error=ValueError)
     mode = checked_autoreset_mode(kwargs.pop("autoreset_mode", AutoresetMode.SAME_STEP))
     if mode is not AutoresetMode.SAME_STEP:
         refuse("autoreset_mode", f"{mode.value}", f"{AutoresetMode.SAME_STEP.value}", ValueError)

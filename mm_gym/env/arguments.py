@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import inf
 from os import PathLike
-from typing import TypeAlias, TypeGuard, cast
+from typing import TypeAlias, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -62,25 +61,6 @@ def _checked_changes(changes: object) -> dict[str, object]:
         if all(isinstance(name, str) for name in values):
             return values
     return refuse("changes", f"{changes!r}", "a dictionary of values by dotted name")
-
-
-def is_integer(value: object) -> TypeGuard[int | np.integer]:
-    """Tell whether a value is an integer of Python or NumPy; booleans are not."""
-    return type(value) is int or isinstance(value, np.integer)
-
-
-def checked_count(
-    number: int | np.integer,
-    name: str,
-    least: int = 1,
-    most: float = inf,
-    error: type[Exception] = SceneError,
-) -> int:
-    """Return an integer from `least` to `most` as Python's, or raise an error."""
-    if not is_integer(number) or not least <= number <= most:
-        end = "" if most == inf else f" and at most {most}"
-        refuse(name, f"{number!r}", f"an integer of at least {least}{end}", error)
-    return int(number)
 
 
 def checked_autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:

@@ -20,7 +20,6 @@ from mm_gym.env.arguments import (
     Seeds,
     checked_actions,
     checked_autoreset_mode,
-    checked_count,
     checked_mask,
     checked_options,
     checked_seeds,
@@ -32,7 +31,7 @@ from mm_gym.env.arguments import (
 from mm_gym.env.base import RENDER_MODES, Environment
 from mm_gym.env.outputs import InfoLevel, action_space, checked_level, observation_space
 from mm_gym.env.own_reward import RewardLike
-from mm_gym.errors import refuse
+from mm_gym.errors import refuse, whole_number
 from mm_gym.lanes import layout
 from mm_gym.rendering.subject import frames_per_second
 from mm_gym.scene.scene import Scene
@@ -107,14 +106,14 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         threads: int = 1,
         render_mode: str | None = None,
     ) -> None:
-        self.num_envs = checked_count(num_envs, "num_envs")
+        self.num_envs = whole_number("num_envs", num_envs)
         self._level = checked_level(info)
         self.scene = _shortened(scene_of(scene, changes, reward), max_episode_steps)
         self.render_mode = render_mode
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
         self._copy = copy
-        self._threads = checked_count(threads, "threads")
+        self._threads = whole_number("threads", threads)
         self._seeded = False
         self._own: dict[str, tuple[object, ...]] = {}  # set by `set_attr`
         self._prepare()
@@ -458,7 +457,7 @@ def _shortened(scene: Scene, max_episode_steps: int | None) -> Scene:
     """Return a scene whose episodes end where Gymnasium asks; -1 is its word for no limit."""
     if max_episode_steps is None or max_episode_steps == -1:
         return scene
-    steps = checked_count(max_episode_steps, "max_episode_steps")
+    steps = whole_number("max_episode_steps", max_episode_steps)
     if steps > scene.control.steps:
         longer = f"for longer episodes pass changes={{'control.steps': {steps}}}"
         allowed = f"1 to {scene.control.steps}, the scene's control.steps; {longer}"

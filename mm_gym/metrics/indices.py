@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym.arrays import Array
-from mm_gym.env.arguments import checked_count
-from mm_gym.errors import SimulationError, refuse
+from mm_gym.errors import SimulationError, refuse, whole_number
 from mm_gym.metrics.response import Response
 
 
@@ -115,8 +114,8 @@ def indices(
         j12=r.peak_stroke / ref.peak_displacement,
         j13=r.peak_power / (ref.peak_velocity * r.weight),
         j14=r.control_energy / scale,
-        j16=checked_count(sensors, "sensors", 0, error=SimulationError),
-        j17=checked_count(controller_states, "controller_states", 0, error=SimulationError),
+        j16=whole_number("sensors", sensors, 0, error=SimulationError),
+        j17=whole_number("controller_states", controller_states, 0, error=SimulationError),
         stroke=_over(r.peak_stroke, ref.peak_stroke, moves),
         rms_stroke=_over(r.rms_stroke, ref.rms_stroke, moves),
         rms_force=r.rms_force / r.weight,

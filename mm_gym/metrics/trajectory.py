@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mm_gym.arrays import Array
-from mm_gym.env.arguments import checked_count
-from mm_gym.errors import SimulationError, refuse
+from mm_gym.errors import SimulationError, refuse, whole_number
 from mm_gym.lanes import layout
 from mm_gym.metrics.response import End, Response, Totals
 from mm_gym.simulation.energy.work import CHANGE, energy_jumps, spring_energy
@@ -43,7 +42,7 @@ def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
     if not isinstance(trajectory, Trajectory):  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
         allowed = "a Trajectory, as simulate returns it"
         refuse("trajectory", f"{trajectory!r:.60}", allowed, SimulationError)
-    pieces = checked_count(pieces, "pieces", most=MOST_PIECES, error=SimulationError)
+    pieces = whole_number("pieces", pieces, most=MOST_PIECES, error=SimulationError)
     recording, interval = trajectory.recording, trajectory.recording.plant.support.sample_interval
     end = float(trajectory.time[-1])
     if end <= float(trajectory.time[0]):

@@ -10,7 +10,7 @@ import numpy as np
 
 from mm_gym import methods
 from mm_gym.arrays import Array
-from mm_gym.errors import CompileError, SimulationError, refuse
+from mm_gym.errors import CompileError, SimulationError, whole_number
 from mm_gym.lanes import layout
 from mm_gym.methods.support import PHYSICAL
 from mm_gym.plant.compile import compile_scene
@@ -67,8 +67,7 @@ def work_precision(scene: Scene, *, seed: int = 0, lanes: int = 1) -> WorkPrecis
     >>> result.cheapest(1e-9).method
     'exact'
     """
-    if not (isinstance(lanes, int) and lanes >= 1):
-        refuse("lanes", f"{lanes!r}", "whole numbers of at least 1")
+    lanes = whole_number("lanes", lanes)
     require_scene(scene)
     scene = scene.replace(solver={})
     plant = compile_scene(scene)

@@ -9,7 +9,7 @@ from numbers import Real
 from typing import NoReturn, TypeAlias
 
 from mm_gym.arrays import Array
-from mm_gym.errors import check_name, refuse, suggest
+from mm_gym.errors import check_name, refuse, suggest, whole_number
 
 ACCELERATION_UNITS = {
     "m/s^2": 1.0,
@@ -154,8 +154,7 @@ class Options:
         is_step = isinstance(self.time_step, Real) and SHORTEST <= self.time_step <= LARGEST
         if isinstance(self.time_step, bool) or not (self.time_step is None or is_step):
             refuse("time_step", f"{self.time_step!r}", f"{SHORTEST:g} to {LARGEST:g} s")
-        if type(self.skip) is not int or not 0 <= self.skip <= MOST_LINES:
-            refuse("skip", f"{self.skip!r}", f"a number of lines, 0 to {MOST_LINES}")
+        whole_number("skip", self.skip, 0, MOST_LINES)
         is_number = type(self.column) is int and 1 <= self.column <= MOST_COLUMNS
         if not (self.column is None or is_number or (isinstance(self.column, str) and self.column)):
             refuse("column", f"{self.column!r}", f"a number from 1 to {MOST_COLUMNS}, or a name")

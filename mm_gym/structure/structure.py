@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from operator import index
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, cast
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
 from mm_gym.arrays import Array
-from mm_gym.errors import StructureError, finite_numbers, positive_number, refuse
+from mm_gym.errors import StructureError, finite_numbers, positive_number, refuse, whole_number
 from mm_gym.files import write_text
 from mm_gym.plant.compile import compile_scene
 from mm_gym.scene.scene import Scene
@@ -181,13 +180,7 @@ class Structure:
 
     def _counted(self, name: str, value: int) -> int:
         """Return a number that users count from 1, counted from 0."""
-        try:
-            number = index(value)
-        except TypeError:
-            number = 0
-        if isinstance(value, bool) or not 1 <= number <= self.count:
-            _refuse(name, f"{value!r}", f"1 to {self.count}")
-        return number - 1
+        return whole_number(f"structure.{name}", value, most=self.count, error=StructureError) - 1
 
 
 def drift_matrix(count: int) -> Array:

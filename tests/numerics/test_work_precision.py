@@ -229,7 +229,7 @@ def test_cost_of_many_lanes_is_that_of_one_among_them(monkeypatch: pytest.Monkey
     assert settings[0].error == settings[1].error
     assert settings[0].seconds == RUN / alone.steps
     assert settings[1].seconds == RUN / (many.steps * 512)
-    with pytest.raises(SceneError, match="lanes: got 0; allowed: whole numbers of at least 1"):
+    with pytest.raises(SceneError, match="lanes: got 0; allowed: an integer of at least 1"):
         work_precision(scene, lanes=0)
 
 
