@@ -6,7 +6,7 @@ provenance says what it is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from os import PathLike
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from mm_gym.analysis import asymptotic_offset, critical_reference_velocity, modes
 from mm_gym.analysis.linear import linear_values
-from mm_gym.files import aligned, write_text
+from mm_gym.files import aligned, write_csv
 from mm_gym.paper.scenes import CAPTION, friction_of, scene, stick_slope
 
 HEADER = (
@@ -135,20 +135,17 @@ def _eigenvalues() -> Iterator[Row]:
 
 def write_table(path: str | PathLike[str], found: list[Row]) -> None:
     """Write the rows as CSV, all digits kept."""
-    lines = [",".join(HEADER)] + [",".join(_cells(row, repr, repr)) for row in found]
-    write_text(path, "\n".join(lines) + "\n")
+    columns = [*zip(*found, strict=True), [row.computed - row.reference for row in found]]
+    write_csv(path, HEADER, columns)
 
 
 def printed(found: list[Row]) -> str:
     """Return the rows as aligned text."""
-    cells = [HEADER] + [_cells(row, "{:.12g}".format, "{:.1e}".format) for row in found]
-    return "\n".join(aligned(cells, names=len(HEADER)))
+    return "\n".join(aligned([HEADER, *map(_cells, found)], names=len(HEADER)))
 
 
-def _cells(
-    row: Row, number: Callable[[float], str], difference: Callable[[float], str]
-) -> tuple[str, ...]:
-    stated = "" if row.stated is None else number(row.stated)
-    error = difference(row.computed - row.reference)
-    reference = number(row.reference), row.provenance
-    return row.system, row.quantity, row.unit, stated, *reference, number(row.computed), error
+def _cells(row: Row) -> tuple[str, ...]:
+    names = row.system, row.quantity, row.unit
+    stated = "" if row.stated is None else f"{row.stated:.12g}"
+    reference, error = f"{row.reference:.12g}", f"{row.computed - row.reference:.1e}"
+    return *names, stated, reference, row.provenance, f"{row.computed:.12g}", error
