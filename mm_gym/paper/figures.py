@@ -21,11 +21,10 @@ from mm_gym.paper.scenes import (
     CAPTION,
     CHI,
     FIGURE_2,
+    NORMAL_FORCE,
     RATIOS,
     STATIC,
-    friction_force,
     friction_of,
-    normal_force,
     scene,
     stick_slope,
 )
@@ -242,13 +241,15 @@ def figure_7() -> Figure:
     figure, (axes,) = panels(3.2, 1, 1)
     law = friction_of(scene("fig8"))
     vr = law.reference_velocity
-    normal = normal_force(law)
-    highest, lowest = law.static_coefficient * normal, law.kinetic_coefficient * normal
+    highest, lowest = (
+        mu * NORMAL_FORCE for mu in (law.static_coefficient, law.kinetic_coefficient)
+    )
     axes.plot([-vr, vr], [-highest, highest], color=COLOURS[0], label="stick, $|w| \\leq v_r$")
     for sign in (-1.0, 1.0):
-        slip = sign * np.linspace(vr, 3.0 * vr, 50)
+        speed = np.linspace(vr, 3.0 * vr, 50)
+        force = sign * (lowest + law.slip_damping * (speed - vr))
         label = "slip, $|w| > v_r$" if sign > 0.0 else None
-        axes.plot(slip, friction_force(law, slip), "--", color=COLOURS[1], label=label)
+        axes.plot(sign * speed, force, "--", color=COLOURS[1], label=label)
         point = {"marker": "o", "markersize": 5.0}
         axes.plot(sign * vr, sign * highest, color=COLOURS[0], **point)
         axes.plot(sign * vr, sign * lowest, color=COLOURS[1], markerfacecolor="white", **point)

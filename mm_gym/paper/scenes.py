@@ -1,12 +1,8 @@
-"""The paper's systems as scenes, and dry friction as the paper prints it."""
+"""The paper's systems as scenes."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from mm_gym.arrays import Array
-from mm_gym.errors import SceneError, check_name, refuse
+from mm_gym.errors import check_name
 from mm_gym.scene.mechanics import (
     Carriage,
     DryFriction,
@@ -26,6 +22,7 @@ RATIOS = (0.2, 0.5, 0.8, 0.9, 1.0)
 
 STATIC = 0.51  # mu1 of figure 10 [-]
 REFERENCE_VELOCITY = 0.2  # v_r of figures 8 and 9 [m/s]
+NORMAL_FORCE = 0.3924  # F_N of figures 8 to 10 [N]
 
 FIGURE_2 = {
     "fig2a": (False, 1.0, 1.0),
@@ -101,7 +98,7 @@ def _friction(static: float, slip_damping: float) -> DryFriction:
         kinetic_coefficient=0.5 * static,
         reference_velocity=REFERENCE_VELOCITY,
         slip_damping=slip_damping,
-        normal_force=0.3924,
+        normal_force=NORMAL_FORCE,
     )
 
 
@@ -139,36 +136,12 @@ def scene(name: str) -> Scene:
 
 
 def friction_of(system: Scene) -> DryFriction:
-    """Return a scene's dry friction; raise `SceneError` if it has none."""
-    if system.interface.kind != "dry_friction":
-        refuse("interface.kind", f"{system.interface.kind!r}", "'dry_friction'")
-    return system.interface
-
-
-def normal_force(law: DryFriction) -> float:
-    """Return F_N [N], which the paper always states; raise `SceneError` if the law does not."""
-    if law.normal_force is None:
-        msg = "interface.normal_force: the paper states it; set it"
-        raise SceneError(msg)
-    return law.normal_force
+    """Return the dry friction of a system that has it."""
+    law = system.interface
+    assert isinstance(law, DryFriction)  # noqa: S101 - for the type checker
+    return law
 
 
 def stick_slope(law: DryFriction) -> float:
-    """Return mu1 F_N / v_r [N s/m], the damping of friction in stick."""
-    return law.static_coefficient * normal_force(law) / law.reference_velocity
-
-
-def friction_force(law: DryFriction, slip_velocity: ArrayLike) -> Array:
-    """Return the force [N] at slip velocities [m/s], with the paper's Heaviside steps, H(0) = 1.
-
-    It therefore slips at exactly |w| = v_r, where this project sticks: section 2 of docs/model.md.
-    """
-    w = np.asarray(slip_velocity, np.float64)
-    normal, vr = normal_force(law), law.reference_velocity
-    mu1, mu2, chi = law.static_coefficient, law.kinetic_coefficient, law.slip_damping
-    change = (
-        2.0 * (mu2 * normal - chi * vr) * (w >= 0.0)
-        - normal / vr * (mu1 * w + mu2 * vr)
-        + chi * (w + vr)
-    )
-    return mu1 * normal / vr * w + change * (np.abs(w) >= vr)
+    """Return mu1 F_N / v_r [N s/m], the damping of the paper's friction in stick."""
+    return law.static_coefficient * NORMAL_FORCE / law.reference_velocity

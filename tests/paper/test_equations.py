@@ -6,9 +6,9 @@ import pytest
 from mm_gym import MovingMassVectorEnv, Scene, SceneError, compile_scene
 from mm_gym.analysis.linear import characteristic, linear_values
 from mm_gym.paper import scene
-from mm_gym.paper.scenes import friction_force
 
 from . import appendix
+from .friction import friction_force
 
 
 @pytest.mark.parametrize("name", ["fig2a", "fig2b_caption", "fig5b", "fig12a", "fig12d"])

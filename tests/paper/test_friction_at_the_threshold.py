@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, simulate
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, simulate
 from mm_gym.analysis import asymptotic_offset, critical_reference_velocity
 from mm_gym.paper import scene
 from mm_gym.paper.figures import linear_twin
-from mm_gym.paper.scenes import friction_force, friction_of, normal_force, stick_slope
+from mm_gym.paper.scenes import friction_of
+
+from .friction import friction_force
 
 VELOCITY = "interface.reference_velocity"
 SYSTEM = scene("fig8").replace(
@@ -42,10 +44,10 @@ def test_the_printed_law_is_that_of_the_motion():
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_at_exactly_the_reference_velocity_the_sphere_sticks(sign):
-    highest = LAW.static_coefficient * normal_force(LAW)
+    highest = LAW.static_coefficient * LAW.normal_force
     assert force_at(sign * V_R) == pytest.approx(sign * highest, rel=1e-7)
     # The Heaviside step of the paper is 1 at 0, so that its law slips there.
-    lowest = LAW.kinetic_coefficient * normal_force(LAW)
+    lowest = LAW.kinetic_coefficient * LAW.normal_force
     assert friction_force(LAW, sign * V_R) == pytest.approx(sign * lowest)
 
 
@@ -83,7 +85,7 @@ def test_where_the_slip_touches_the_reference_velocity_two_motions_obey_the_law(
         return -force / m2 - (carriage + force) / m1
 
     static, kinetic = (
-        one * normal_force(law) for one in (law.static_coefficient, law.kinetic_coefficient)
+        one * law.normal_force for one in (law.static_coefficient, law.kinetic_coefficient)
     )
     jump = (static - kinetic) * (m1 + m2) / (m1 * m2)
     # w'' is some 1e3 m/s^3 and the instant half a step away: 5e-3 m/s^2.
@@ -105,10 +107,3 @@ def test_where_the_slip_touches_the_reference_velocity_two_motions_obey_the_law(
         for factor in (1.0 - 1e-5, 1.0 + 1e-5)
     ]
     assert ends == pytest.approx([0.020000, 0.020746], abs=2e-6)
-
-
-def test_the_printed_law_needs_a_stated_weight_and_dry_friction():
-    with pytest.raises(SceneError, match="normal_force"):
-        stick_slope(friction_of(SYSTEM.replace(**{"interface.normal_force": None})))
-    with pytest.raises(SceneError, match=r"interface\.kind"):
-        friction_of(scene("fig2a"))
