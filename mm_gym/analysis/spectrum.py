@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import finite_numbers, refuse
-from mm_gym.files import write_csv
+from mm_gym.files import aligned, write_csv
 from mm_gym.records import Record
 from mm_gym.records.spectrum import peak_responses
 
@@ -71,12 +71,9 @@ class ResponseSpectrum:
         head = [f"{'period [s]':>12}", *(f"{name} [{unit}]" for name, unit in COLUMNS.items())]
         lines = [f"peak acceleration of the ground: {self.peak_acceleration:.6g} m/s^2"]
         for d, ratio in enumerate(self.damping.tolist()):
-            lines += ["", f"damping ratio {ratio:g}", "  ".join(head)]
-            for k in shown:
-                cells = [f"{self.periods[k]:>12.5g}"]
-                for name, title in zip(COLUMNS, head[1:], strict=True):
-                    cells.append(f"{getattr(self, name)[d, k]:>{len(title)}.6g}")
-                lines.append("  ".join(cells))
+            columns = [getattr(self, name)[d] for name in COLUMNS]
+            rows = [[f"{self.periods[k]:.5g}", *(f"{c[k]:.6g}" for c in columns)] for k in shown]
+            lines += ["", f"damping ratio {ratio:g}", *aligned([head, *rows], names=0)]
         return "\n".join(lines)
 
     def to_csv(self, path: str | PathLike[str]) -> None:
