@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,15 +24,6 @@ if TYPE_CHECKING:
 State = Array
 
 STICK = 0  # regime of dry friction; +1 and -1 are the directions of slip w
-
-
-class Solution(Protocol):
-    """The part of the result of `scipy.integrate.solve_ivp` that is used here."""
-
-    t: State
-    y: State
-    status: int
-    message: str
 
 
 @dataclass(frozen=True)
@@ -115,11 +106,11 @@ class Oracle:
         end: float,
         state: State,
         events: list[Callable[..., float]],
-    ) -> Solution:
+    ) -> Any:  # noqa: ANN401 - SciPy does not name it
         # The absolute tolerance is far below any state of interest, so that the relative one
         # holds for each component.
         solution = cast(
-            "Solution",
+            "Any",
             solve_ivp(
                 self._counted(field),
                 (start, end),
