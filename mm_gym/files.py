@@ -204,7 +204,7 @@ def _finite(text: str) -> float:
 
 
 def read_columns(
-    path: str | PathLike[str], header: Sequence[str], *, most: int = 2**24, infinite: bool = False
+    path: str | PathLike[str], header: Sequence[str], *, infinite: bool = False
 ) -> Array:
     """Return the columns (columns, rows) of numbers that `write_csv` wrote.
 
@@ -216,7 +216,7 @@ def read_columns(
         If the file cannot be read, see `read_bytes`, has another header or no row, or for the first
         line that does not fit.
     """
-    first, *lines = read_text(path, most=most).splitlines() or [""]
+    first, *lines = read_text(path, most=2**24).splitlines() or [""]
     if first != ",".join(header):
         refuse(f"{path}:1", f"{first[:80]!r}", f"{','.join(header)!r}")
     allowed = "numbers" if infinite else "finite numbers"

@@ -448,6 +448,5 @@ def _problem(
             )
             raise DesignError(msg)
         amplitude = max(sizes)
-    if not (isfinite(amplitude) and amplitude > 0.0):
-        refuse("amplitude", f"{amplitude!r}", "greater than 0", DesignError)
-    return FrictionProblem(scene, excitation, float(amplitude), channel)
+    size = positive_number("amplitude", amplitude, DesignError)
+    return FrictionProblem(scene, excitation, size, channel)

@@ -14,15 +14,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.analysis.linear import linear_values
-from mm_gym.analysis.springs import stretch_for_stiffness
 from mm_gym.arrays import Array
 from mm_gym.drawing import COLOURS, STYLES, drawn, hertz_above, legend_below, panels
 from mm_gym.files import aligned, write_text
-from mm_gym.scene.mechanics import LinearSprings, NoSprings
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import toml_of
 from mm_gym.step.channels import CHANNELS
 from mm_gym.tuning.closed_forms import Absorber
+from mm_gym.tuning.reach import springs_with
 from mm_gym.tuning.transfer import (
     DAMPING_RATIOS,
     FREQUENCY_RATIOS,
@@ -191,7 +190,8 @@ class Tuning(Tuned):
         """Return the scene's design, the optima and the closed forms as text."""
         values = linear_values(self.scene)
         w1 = float(np.sqrt(values.k1 / values.m1))
-        rows = [HEADER, self.before.row("scene", own_stretch(self.scene, self.before.stiffness))]
+        _, stretch = springs_with(self.scene, self.before.stiffness)
+        rows = [HEADER, self.before.row("scene", stretch)]
         if self.out_of_reach is not None:
             rows.append(self.free.row("best springs", None))
         rows.append(self.after.row("tuned", self.stretch))
@@ -244,8 +244,8 @@ class FrictionTuning(Tuned):
 
     def table(self) -> str:
         """Return the scene's design and the best one as text."""
-        own = own_stretch(self.scene, self.before.stiffness)
-        rows = [self.before.row("scene", own), self.after.row("tuned", self.stretch)]
+        _, stretch = springs_with(self.scene, self.before.stiffness)
+        rows = [self.before.row("scene", stretch), self.after.row("tuned", self.stretch)]
         unit = "N on the carriage" if self.excitation == "force" else "m/s^2 of the ground"
         title = (
             f"tuned: the largest amplitude of {self.channel} [{CHANNELS[self.channel].unit}] under "
@@ -257,14 +257,6 @@ class FrictionTuning(Tuned):
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
         """Draw the amplitudes before and after, into a PNG if a path is given (extra: plot)."""
         return drawn(_draw_friction, self, path)
-
-
-def own_stretch(scene: Scene, stiffness: float) -> float | None:
-    """Return the stretch of the scene's own design, given its k2: of the middle of its range."""
-    springs = scene.springs
-    if isinstance(springs, NoSprings | LinearSprings):
-        return None
-    return float(stretch_for_stiffness(stiffness, springs.stiffness))
 
 
 def _draw(tuning: Tuning) -> Figure:
