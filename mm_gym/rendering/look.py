@@ -75,14 +75,15 @@ MINUS, TIMES, DASH = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
 
 LEAST_PLAIN, MOST_PLAIN = -3, 4  # decades of numbers that are written without an exponent
 
-PREFIXES = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
-
 
 class Unit(NamedTuple):
     """A unit of length: its size [m] and its name."""
 
     size: float
     name: str
+
+
+UNITS = Unit(1.0, "m"), Unit(1e-3, "mm"), Unit(1e-6, "µm"), Unit(1e-9, "nm")
 
 
 def _decade(value: float) -> float:
@@ -103,10 +104,7 @@ def round_down(value: float, steps: Sequence[float] = STEPS) -> float:
 
 def unit_of(length: float) -> Unit:
     """Return the unit in which a length [m] is between 1 and 1000, as far as there is one."""
-    for size, name in PREFIXES:
-        if length >= size:
-            return Unit(size, name)
-    return Unit(*PREFIXES[-1])
+    return next((unit for unit in UNITS if length >= unit.size), UNITS[-1])
 
 
 def text_of(value: float) -> str:
