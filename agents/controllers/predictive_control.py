@@ -38,21 +38,18 @@ class Search:
     """
 
     horizon: int  # control steps planned ahead
-    # plans, elite, rounds: plans tried at once, those that the next are drawn around, and
-    # repetitions
-    plans: int
-    elite: int
-    rounds: int
-    kept: int  # best plans that are tried again in the next round, at most `elite`
+    plans: int  # tried at once
+    elite: int  # best plans, around which the next are drawn, and which are tried again with them
+    rounds: int = 2
     # spread, least_spread: standard deviation of the first plans' actions, and the least later on
     # [-]
-    spread: float
-    least_spread: float = 0.0
+    spread: float = 0.6
+    least_spread: float = 0.05
 
 
-SEARCH = Search(horizon=30, plans=48, elite=5, rounds=2, kept=5, spread=0.6, least_spread=0.05)
+SEARCH = Search(horizon=30, plans=48, elite=5)
 
-ROLLOUTS = Search(horizon=60, plans=64, elite=6, rounds=2, kept=6, spread=0.6, least_spread=0.05)
+ROLLOUTS = Search(horizon=60, plans=64, elite=6)
 
 
 class Now(NamedTuple):
@@ -154,9 +151,8 @@ class PredictiveControl(Law):
             plans[:, :, : kept.shape[2]] = kept
             np.clip(plans, -self.most, self.most, out=plans)
             order = np.argsort(-self._worth(plans, now), axis=1, kind="stable")[:, : search.elite]
-            elite = plans[:, rows, order]
-            kept, mean = elite[:, :, : search.kept], elite.mean(axis=2)
-            spread = np.maximum(elite.std(axis=2), search.least_spread)
+            kept = plans[:, rows, order]
+            mean, spread = kept.mean(axis=2), np.maximum(kept.std(axis=2), search.least_spread)
         return kept[:, :, 0], noise
 
     def _own(self, memory: Memory, applied: Array) -> Array:

@@ -115,7 +115,7 @@ VARIED, BEST, AROUND = 150, 3, (0.2, 0.5, 1.0)
 """Designs with other numbers that are tried as starts of plans, those of which an episode keeps so
 many, and the spreads of the numbers over those of a search's first trials."""
 
-LARGE = replace(ROLLOUTS, plans=256, elite=12, rounds=4, kept=12)
+LARGE = replace(ROLLOUTS, plans=256, elite=12, rounds=4)
 THOROUGH = [replace(LARGE, horizon=steps) for steps in (60, 80, 120)]
 """Searches of the numbers of a law that can change in each control step."""
 

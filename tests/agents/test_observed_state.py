@@ -140,7 +140,7 @@ def test_model_that_begins_anew_at_each_step_follows_the_own_states(scene) -> No
 
 @OWN
 def test_predictive_control_follows_the_own_states_through_its_plans(scene) -> None:
-    search = Search(horizon=3, plans=6, elite=2, rounds=1, kept=1, spread=0.5)
+    search = Search(horizon=3, plans=6, elite=2, rounds=1, spread=0.5)
     control = PredictiveControl(scene.replace(excitation=[]), no_control(scene), search)
     memory = control.begin(3)
     for state, own, applied, _ in motion(scene, 5):
