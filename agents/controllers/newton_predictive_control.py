@@ -13,6 +13,8 @@ from mm_gym.arrays import Array
 
 SEED = 5_000_000
 
+NEAR = 0.3  # standard deviation of how far plans are from the last step's [-]; of random ones 1
+
 
 @dataclass(frozen=True, kw_only=True)
 class Steps:
@@ -21,13 +23,8 @@ class Steps:
     horizon: int = 40  # control steps planned ahead
     rounds: int = 3  # gauss-Newton steps of each plan
     stiffness: float = 0.1  # what is added to the curvature over each control at first (Levenberg)
-    # near, near_spread: plans around the last step's, and the standard deviation of their distance
-    # [-]
-    near: int = 3
-    near_spread: float = 0.3
-    # fresh, fresh_spread: random plans, and their standard deviation [-]
-    fresh: int = 2
-    fresh_spread: float = 1.0
+    near: int = 3  # plans around the last step's
+    fresh: int = 2  # random plans
 
 
 class NewtonPredictiveControl(Law):
@@ -89,8 +86,8 @@ class NewtonPredictiveControl(Law):
         plan = np.moveaxis(memory["plan"], 0, 2)
         around, noise = self._drawn(memory["noise"], plan, steps.near)
         random, noise = self._drawn(noise, plan, steps.fresh)
-        near, fresh = plan + steps.near_spread * around, steps.fresh_spread * random
-        plans = np.clip(np.concatenate([plan[None], near, fresh]), -1.0, 1.0)
+        plans = np.concatenate([plan[None], plan + NEAR * around, random])
+        plans = np.clip(plans, -1.0, 1.0)
         together = np.concatenate(list(plans), axis=2)
         episodes = np.tile(np.arange(count), len(plans))
         found = problem.improve(episodes, together, steps.rounds, steps.stiffness)
