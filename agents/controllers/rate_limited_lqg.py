@@ -10,9 +10,8 @@ from agents.control.kalman_filter import solvable, state_units
 from agents.control.scene import plant_of
 from agents.controllers.lqg import DISTURBANCES, ReachedLQG, regulated_part, weighed, without_force
 from agents.controllers.registry import Entry
-from agents.controllers.searched import cheapest, chosen_of
-from agents.scoring import validation_cost
-from mm_gym import DesignError, LinearSystem, Scene
+from agents.controllers.searched import cheapest, chosen_of, cost_of
+from mm_gym import LinearSystem, Scene
 from mm_gym.arrays import Array
 
 DECADES = np.array([-1.0, 0.0, 1.0])
@@ -82,14 +81,10 @@ def best_rate_limited_lqg(scene: Scene) -> RateLimitedLQG:
     def made(effort: float, rate: float, unmodelled: float) -> RateLimitedLQG:
         return RateLimitedLQG(own, 10.0**effort, 10.0**rate, unmodelled)
 
-    def cost(numbers: tuple[float, float, float], most: float) -> float:
-        try:
-            return validation_cost(scene, made(*numbers), most=most)
-        except DesignError:
-            return np.inf
-
     tried = list(product(DECADES, DECADES, DISTURBANCES))
-    effort, rate, unmodelled = chosen_of(tried, cost)
+    effort, rate, unmodelled = chosen_of(
+        tried, lambda numbers, most: cost_of(scene, lambda: made(*numbers), most=most)
+    )
     found = cheapest(scene, lambda e: made(e, rate, unmodelled), effort + DECADES)
     effort = np.log10(found.effort)
     return cheapest(scene, lambda r: made(effort, r, unmodelled), rate + DECADES)

@@ -95,7 +95,7 @@ def cheapest(
     """Return the controller of least cost in the same way, of those that can be designed."""
 
     def cost(value: float, most: float = np.inf) -> float:
-        return _cost_of(scene, lambda: controller(float(value)), seed=seed, most=most)
+        return cost_of(scene, lambda: controller(float(value)), seed=seed, most=most)
 
     def search() -> float:
         best, lowest = least(range(len(values)), lambda k, most: cost(values[k], most))
@@ -125,7 +125,7 @@ def searched_pair(
     pairs = [(value, 10.0**e) for value in coarse for e in DECADES[::4]]
 
     def cost(pair: tuple[float, float], most: float) -> float:
-        return _cost_of(scene, lambda: Feedback(scene, make(*pair), source), most=most)
+        return cost_of(scene, lambda: Feedback(scene, make(*pair), source), most=most)
 
     best, _ = chosen_of(pairs, cost)
     return searched(scene, lambda exponent: make(best, 10.0**exponent), DECADES)
@@ -168,7 +168,7 @@ def trials(
         if found is not None:
             return found
         numbers = tunable.at(scene, coordinates, start)
-        return _cost_of(scene, lambda: tunable.design(scene, numbers))
+        return cost_of(scene, lambda: tunable.design(scene, numbers))
 
     yield first, cost(first)
     done = 1
@@ -210,10 +210,10 @@ def finalists(costs: Sequence[float]) -> list[int]:
 def further_cost(scene: Scene, tunable: Tunable, numbers: Mapping[str, float]) -> float:
     """Return the cost of a design on the further validation episodes [-]."""
     seed = VALIDATION_SEED + VALIDATION_EPISODES
-    return _cost_of(scene, lambda: tunable.design(scene, numbers), seed=seed, episodes=FURTHER)
+    return cost_of(scene, lambda: tunable.design(scene, numbers), seed=seed, episodes=FURTHER)
 
 
-def _cost_of(scene: Scene, make: Callable[[], Controller], **episodes: Any) -> float:  # noqa: ANN401 - as of `validation_cost`
+def cost_of(scene: Scene, make: Callable[[], Controller], **episodes: Any) -> float:  # noqa: ANN401 - as of `validation_cost`
     """Return a design's cost, `REFUSED` where none can be made or the motion cannot be computed."""
     try:
         found = validation_cost(scene, make(), **episodes)
