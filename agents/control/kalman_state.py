@@ -1,7 +1,6 @@
 """The state from the observation by a Kalman filter of the linear plant and its excitation."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.controller import Info, Memory, Observation, Read, looked_up
 from agents.control.kalman_filter import UNMODELLED, design_filter, excited_system
@@ -9,8 +8,6 @@ from agents.control.observed_actuators import ObservedActuators
 from agents.control.scene import drawn_but
 from mm_gym import Scene
 from mm_gym.arrays import Array
-
-POINTS = 9  # stretches or dampings at which the filter is designed; the nearest is used
 
 
 class KalmanState(ObservedActuators):
@@ -24,16 +21,15 @@ class KalmanState(ObservedActuators):
     Anderson and Moore, *Optimal Filtering* (1979), chapter 3.
     """
 
+    tunes = "stretch", "damping"
+
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         names = scene.actuation.names
         fields = {"stretch": "initial.stretch", "damping": str(scene.actuation.damped)}
         self.forces = [k for k, name in enumerate(names) if name == "force"]
-        self.tunes = [k for k, name in enumerate(names) if name in fields]
-        points: list[dict[str, float] | None] = [None]
-        for k in self.tunes[:1]:
-            values = np.linspace(self.actuators.low[k], self.actuators.high[k], POINTS)
-            points = [{fields[names[k]]: float(value)} for value in values]
+        field = "" if self.tuned is None else fields[names[self.tuned]]
+        points = [None if value is None else {field: value} for value in self.grid]
         systems = [
             excited_system(_at_once(scene), ["force"] * len(self.forces), at) for at in points
         ]
@@ -60,7 +56,7 @@ class KalmanState(ObservedActuators):
     def read(self, memory: Memory, observation: Observation, info: Info) -> Read:
         frame, step, estimate = self.frame.values(observation), memory["step"], memory["estimate"]
         memory = self._seen(memory, frame)
-        point = self._nearest(memory["applied"])
+        point = self.nearest(memory["applied"])
         missed = frame[:, self.columns] - np.einsum(
             "npj,nj->np", looked_up(self.c[None], point), estimate
         )
@@ -72,15 +68,10 @@ class KalmanState(ObservedActuators):
 
     def note(self, memory: Memory, action: Array) -> Memory:
         memory = super().note(memory, action)
-        applied, point = memory["applied"], self._nearest(memory["applied"])
+        applied, point = memory["applied"], self.nearest(memory["applied"])
         moved = np.einsum("nij,nj->ni", looked_up(self.a[None], point), memory["estimate"])
         pushed = np.einsum("nik,nk->ni", looked_up(self.b[None], point), applied[:, self.forces])
         return {**memory, "estimate": moved + pushed}
-
-    def _nearest(self, applied: Array) -> NDArray[np.intp]:
-        if not self.tunes:
-            return np.zeros(len(applied), np.intp)
-        return self.nearest(applied, self.tunes[0], POINTS)
 
 
 def _at_once(scene: Scene) -> Scene:

@@ -25,6 +25,9 @@ ROWS = {
 """The channels that show the state: rows of C in y = C x. The others are not used."""
 
 
+POINTS = 9  # of the grid of an estimator
+
+
 class Frame:
     """The newest frame of an observation.
 
@@ -72,10 +75,19 @@ class ObservedActuators(StateSource):
     shown, c, unit
         Channels that show displacements and velocities, their rows of C (channels, 4), and the SI
         values of their scaled 1.
+    grid
+        Stretches or dampings at which an estimator is designed, or None where none is tuned.
     """
+
+    tunes: tuple[str, ...] = ()  # actuators, of which the first there is changes an estimator
 
     def __init__(self, scene: Scene) -> None:
         self.frame, self.actuators = Frame(scene), Actuators(scene)
+        tuned = (k for k, name in enumerate(scene.actuation.names) if name in self.tunes)
+        self.tuned, self.grid = next(tuned, None), list[float | None]([None])
+        if self.tuned is not None:
+            ends = self.actuators.low[self.tuned], self.actuators.high[self.tuned]
+            self.grid = np.linspace(*ends, POINTS).tolist()
         begun = [beginning(scene, name) for name in scene.actuation.names]
         self.begun = np.clip(begun, self.actuators.low, self.actuators.high)
         self.shown = [k for k, name in enumerate(self.frame.names) if name in ROWS]
@@ -103,11 +115,13 @@ class ObservedActuators(StateSource):
         """Return the channels that show the motion, and what they show of states (lanes, 4)."""
         return self.shown, state @ self.c.T / self.unit
 
-    def nearest(self, applied: Array, column: int, points: int) -> NDArray[np.intp]:
-        """Return which of evenly spaced values of an actuator is the nearest to what it has."""
-        low, high = self.actuators.low[column], self.actuators.high[column]
-        share = (applied[:, column] - low) / (high - low)
-        return np.rint(share * (points - 1)).astype(np.intp)
+    def nearest(self, applied: Array) -> NDArray[np.intp]:
+        """Return the places (lanes,) in the grid that are nearest to what the actuators have."""
+        if self.tuned is None:
+            return np.zeros(len(applied), np.intp)
+        low, high = self.actuators.low[self.tuned], self.actuators.high[self.tuned]
+        share = (applied[:, self.tuned] - low) / (high - low)
+        return np.rint(share * (POINTS - 1)).astype(np.intp)
 
     def _seen(self, memory: Memory, frame: Array) -> Memory:
         """Count a frame; the first shows the stretch or the damping with which episodes begin."""

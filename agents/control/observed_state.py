@@ -23,7 +23,6 @@ from mm_gym.arrays import Array
 FLOOR = 1e-4
 """Least noise of a channel over its scale [-], so that the equations stay well conditioned."""
 
-STRETCHES = 9  # number of stretches at which the estimator's gain is computed; the nearest is used
 
 DELAY, MISLEADING = "sensors.delay", ("sensors.dropout", "sensors.bias.")
 
@@ -45,6 +44,8 @@ class ObservedState(ObservedActuators):
         another one, and the memory says how unlikely its frames were: the sum of the squares of
         what the model missed, over the covariance that the filter expects of it.
     """
+
+    tunes = ("stretch",)
 
     def __init__(self, scene: Scene, delays: range | None = None) -> None:
         super().__init__(scene)
@@ -91,7 +92,7 @@ class ObservedState(ObservedActuators):
             estimate = chosen(step == 0, shown @ self.inverse.T, estimate)
         predicted, later = estimate, step > delay
         applied = looked_up(memory["pending"], self.delays[-1] - delay)
-        nearest = self._nearest(applied)
+        nearest = self.nearest(applied)
         if later.any():
             moved, moved_own = self._predicted(estimate, own, applied)
             predicted, own = chosen(later, moved, estimate), chosen(later, moved_own, own)
@@ -144,19 +145,6 @@ class ObservedState(ObservedActuators):
             state, _ = self.model.advance(looked_up(pending, place))
             present = chosen(late == moved + 1, state, present)
         return present
-
-    @property
-    def grid(self) -> list[float | None]:
-        """Stretches at which the gains are computed, or None for springs without an actuator."""
-        actuator = self.scene.actuation.stretch
-        if actuator is None:
-            return [None]
-        return [float(s) for s in np.linspace(actuator.minimum, actuator.maximum, STRETCHES)]
-
-    def _nearest(self, applied: Array) -> NDArray[np.intp]:
-        if self.scene.actuation.stretch is None:
-            return np.zeros(len(applied), np.intp)
-        return self.nearest(applied, self.scene.actuation.names.index("stretch"), STRETCHES)
 
     def _gains(self) -> Array:
         plant = plant_of(self.scene)
