@@ -67,15 +67,13 @@ class Model:
             for name, actuator in scene.actuation
             if actuator is not None and name != "force"
         }
-        limits = np.array([[one["minimum"], one["maximum"]] for one in tuned.values()])
-        limits = limits.reshape(-1, 2)
-        self.middle, self.half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
+        actuators, first = Actuators(scene), int(self.has_force)  # after the force
+        self.middle, self.half = actuators.middle[first:], actuators.half[first:]
         if (damper := scene.actuation.damping) is not None:
             tuned["damping"]["of"] = damper.of
         changes["actuation"] = {"force": pushed, **tuned}
         self.effort_weight = 0.0 if scene.own_reward else scene.objective.effort_weight
         self.scene = scene.replace(**changes)
-        self.columns = scene.actuation.names
         self.own_rows = plant_of(self.scene).support.own_rows
         self.envs: dict[int, MovingMassVectorEnv] = {}
 

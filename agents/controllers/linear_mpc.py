@@ -62,13 +62,12 @@ class Limits:
         """Return what is limited over its limit (q, 5), by x1, x2, v1, v2 and the force [N]."""
         a, b = plant_of(scene).linear()
         coupling = nominal(scene, "sphere.mass") * np.append(a[3], b[3, 0])
-        quantities = {
-            "displacement": np.array([1.0, 0.0, 0.0, 0.0, 0.0]),
-            "stroke": np.array([-1.0, 1.0, 0.0, 0.0, 0.0]),
-            "coupling_force": coupling,
-        }
-        limits = {name: getattr(self, name) for name in quantities}
-        found = [row / limits[name] for name, row in quantities.items() if limits[name] is not None]
+        limited = (
+            (self.displacement, np.array([1.0, 0.0, 0.0, 0.0, 0.0])),
+            (self.stroke, np.array([-1.0, 1.0, 0.0, 0.0, 0.0])),
+            (self.coupling_force, coupling),
+        )
+        found = [row / limit for limit, row in limited if limit is not None]
         return np.array(found).reshape(-1, 5)
 
 

@@ -165,18 +165,16 @@ def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Arra
     motion = [every.index(name) for name in STATES]
     weight[np.ix_(motion, motion)] = motion_weight(scene)
     weight[-1, -1] = force_weight(scene, at or ())
-    reactions = reaction_weights(scene)
-    names = [name for name, squared in zip(REACTIONS, reactions, strict=True) if squared > 0.0]
-    if names:
-        instant = plant_of(
-            scene.replace(sensors={}, randomization=drawn_but(scene, "sensors."))
-        )  # of sensors without delay
-        shown = instant.state_space(["force"], names, sampled=True, at=at)
-        rows = np.zeros((len(names), len(every) + 1))
+    reactions = zip(REACTIONS, reaction_weights(scene), strict=True)
+    squares = {name: squared for name, squared in reactions if squared > 0.0}
+    if squares:
+        # Of sensors without delay.
+        prompt = scene.replace(sensors={}, randomization=drawn_but(scene, "sensors."))
+        shown = plant_of(prompt).state_space(["force"], list(squares), sampled=True, at=at)
+        rows = np.zeros((len(squares), len(every) + 1))
         for k, signal in enumerate(shown.states):
             rows[:, every.index(signal.name) if signal.name in every else -1] += shown.C[:, k]
-        squares = [squared for squared in reactions if squared > 0.0]
-        for row, squared in zip(rows, squares, strict=True):
+        for row, squared in zip(rows, squares.values(), strict=True):
             weight += squared * np.outer(row, row)
     require_weight(weight[:-1, :-1])
     return weight

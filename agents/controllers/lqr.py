@@ -13,7 +13,7 @@ import numpy as np
 from agents.control.actuators import Actuators, Command
 from agents.control.controller import Acted, Law, Memory
 from agents.control.feedback import Both, Feedback
-from agents.control.kalman_filter import hidden_mode, solvable
+from agents.control.kalman_filter import hidden_mode, solvable, told_by
 from agents.control.model import state_scales
 from agents.control.scene import STATES, drawn_but, force_weight, nominal, plant_of
 from agents.controllers.constant import Held
@@ -147,9 +147,7 @@ def problem_of(scene: Scene, stretch: float | None = None, also: Array | None = 
             weight += squared * np.outer(row, row)
     require_weight(weight[:4, :4])
     shown = weight[:4, :4] if also is None else np.vstack([weight[:4, :4], also])
-    matters = shown.any(axis=0) | np.array([True, False, True, False])
-    for _ in matters:  # what moves one of them matters too
-        matters = matters | a[matters].any(axis=0)
+    matters = told_by(a, shown.any(axis=0) | np.array([True, False, True, False]))
     states = tuple(int(i) for i in np.flatnonzero(matters))
     cost = Quadratic(weight[:4, :4], weight[:4, 4:], weight[4:, 4:]).of(states)
     a, b = plant.discrete(stretch)
@@ -174,8 +172,7 @@ def reaction_weights(scene: Scene) -> tuple[float, float]:
 
     That of the force between the masses is in the second, with the middle of the sphere's mass.
     """
-    o = scene.objective
-    mass = float(np.mean(scene.range_of("sphere.mass", scene.sphere.mass)))
+    o, mass = scene.objective, nominal(scene, "sphere.mass")
     on_sphere = o.sphere_acceleration_weight / o.sphere_acceleration_scale**2
     on_sphere += o.coupling_force_weight * (mass / o.coupling_force_scale) ** 2
     return o.carriage_acceleration_weight / o.carriage_acceleration_scale**2, on_sphere

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -190,21 +191,18 @@ class Balance(SemiActive):
 
 def best(what: Hooked | Literal["balance"], switching: Switching) -> Callable[[Scene], Feedback]:
     """Return what searches the damping of an on-off law, or the gain of a continuous one."""
-
-    def made(scene: Scene, **number: float) -> Law:
-        if what == "balance":
-            return Balance(scene, switching, **number)
-        return Hook(scene, what, switching, **number)
+    make = Balance if what == "balance" else partial(Hook, what=what)
 
     def followed(scene: Scene, ratio: float) -> Law:
         k1, m1 = nominal(scene, "carriage.stiffness"), nominal(scene, "carriage.mass")
         units = {"balance": 1.0, "displacement groundhook": k1}
-        return made(scene, gain=units.get(what, 2.0 * np.sqrt(k1 * m1)) * ratio)
+        gain = units.get(what, 2.0 * np.sqrt(k1 * m1)) * ratio
+        return make(scene, switching=switching, gain=gain)
 
     if switching == "continuous":
         return over_decades(followed)
     return lambda scene: searched(
-        scene, lambda on: made(scene, on=on), grid(scene, "damping")[2::2]
+        scene, lambda on: make(scene, switching=switching, on=on), grid(scene, "damping")[2::2]
     )
 
 
