@@ -42,11 +42,7 @@ class PredictiveLQG(ReachedLQG):
         planned[list(law.states)] = True
         self.planned = np.flatnonzero(planned)
         inside, both = np.ix_(law.states, law.states), np.ix_(self.planned, self.planned)
-        state, last, cross = (
-            np.zeros_like(system.A),
-            np.zeros_like(system.A),
-            np.zeros((len(names), 1)),
-        )
+        (state, last), cross = np.zeros((2, *system.A.shape)), np.zeros((len(names), 1))
         state[inside], last[inside] = law.cost.state, law.riccati
         cross[list(law.states)] = law.cost.cross
         self.program = Program(
