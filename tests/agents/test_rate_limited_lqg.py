@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE
 
+from agents.controllers import rate_limited_lqg
 from agents.controllers.lqg import LQG
 from agents.controllers.rate_limited_lqg import RateLimitedLQG
 from agents.controllers.registry import laws, obstacle
 from agents.exports.controllers import controller_policy
 from agents.scoring import validation_cost
 from agents.training.config import CONFIGS
-from mm_gym import MovingMassVectorEnv, load_scene
+from mm_gym import MovingMassVectorEnv, SimulationError, load_scene
 
 TOWER = load_scene(CONFIGS / "structures" / "tower.toml")
 PLATFORM = load_scene(CONFIGS / "structures" / "platform.toml")  # its force lags, too
@@ -53,6 +54,21 @@ def test_a_weight_of_the_rate_costs_less_than_any_other_weight_of_the_force():
     # The detuned LQG has the weights that its search finds.
     found = validation_cost(TOWER, RateLimitedLQG(TOWER, 0.6, 0.7, 0.01))
     assert found < 0.96 * validation_cost(TOWER, LQG(TOWER, 9.3))
+
+
+def test_designs_whose_motion_cannot_be_computed_are_not_chosen(monkeypatch):
+    propose = RateLimitedLQG.propose
+
+    def stops(law, *arguments):
+        if law.effort < 1.0:
+            msg = "the motion grows beyond all numbers"
+            raise SimulationError(msg)
+        return propose(law, *arguments)
+
+    monkeypatch.setattr(RateLimitedLQG, "propose", stops)
+    monkeypatch.setattr(rate_limited_lqg, "DISTURBANCES", (1e-3,))
+    short = RATED.replace(**{"control.steps": 5})
+    assert rate_limited_lqg.best_rate_limited_lqg(short).effort >= 1.0
 
 
 def test_a_force_that_is_commanded_by_its_rate_is_regulated():
