@@ -10,8 +10,10 @@ from typing import NamedTuple
 from mm_gym.analysis.linear import linear_values
 from mm_gym.analysis.springs import spring_stiffness
 from mm_gym.errors import DesignError, check_name, positive_number, refuse
+from mm_gym.lanes import layout
+from mm_gym.plant.support_of import support_of
 from mm_gym.scene.scene import Scene
-from mm_gym.tuning.reach import stretch_for
+from mm_gym.tuning.reach import require_fixed, stretch_for
 
 Formula = Callable[[float], tuple[float, float, float]]
 
@@ -232,22 +234,25 @@ def duffing_absorber(scene: Scene) -> Scene:
     of finite stretch: with free length l0 and stretch s their force is
     k2 xi + 8 k0 xi^3 / (s^5 l0^2) + ..., and l0 is chosen to give the cubic term.
 
-    The interface becomes viscous; ``carriage.cubic_coefficient`` must be greater than 0.
+    The interface becomes viscous; ``carriage.cubic_coefficient`` must be greater than 0. A range is
+    replaced by its middle.
 
     Raises
     ------
     OutOfReachError
         If no stretch of the springs gives the required stiffness.
     DesignError
-        If the carriage's spring is not cubic, or there are no springs.
+        If the carriage's spring is not cubic, there are no springs, or a number of the interface or
+        the springs is drawn.
 
     Notes
     -----
     k2 and c are Nishihara and Asami's. Habib, Detroux, Viguie and Kerschen, *Nonlinear
     generalization of Den Hartog's equal-peak method*, Mech. Syst. Signal Process. 52-53 (2015).
     """
-    values = linear_values(scene)
-    cubic = scene.carriage.stiffness * scene.carriage.cubic_coefficient  # [N/m^3]
+    values, middle = linear_values(scene), support_of(scene).middle
+    require_fixed(scene, ("interface.", "springs."))
+    cubic = float(middle[layout.K1] * middle[layout.BETA])  # [N/m^3]
     if not (cubic > 0.0 and values.m1 > 0.0 and values.k1 > 0.0):
         msg = (
             "carriage.cubic_coefficient: allowed: greater than 0, on a carriage with mass and a "

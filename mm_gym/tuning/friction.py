@@ -21,12 +21,13 @@ from mm_gym.compiler.jit import plain
 from mm_gym.errors import DesignError, SimulationError, check_name, positive_number, refuse
 from mm_gym.lanes.layout import NO_ROW
 from mm_gym.law.dry_friction import kinetic_force, slip_intercept, stick_slope
+from mm_gym.plant.task import middle
 from mm_gym.scene.mechanics import GRAVITY, DryFriction
 from mm_gym.scene.scene import Scene
 from mm_gym.simulation.simulate import simulate
 from mm_gym.step.channels import CHANNELS
-from mm_gym.tuning.optimum import excitation_of, require_fixed, require_resonance
-from mm_gym.tuning.reach import obstacle, reach_of, springs_with
+from mm_gym.tuning.optimum import excitation_of, require_resonance
+from mm_gym.tuning.reach import obstacle, reach_of, require_fixed, springs_with, tuned_field
 from mm_gym.tuning.result import FrictionDesign, FrictionTuning
 from mm_gym.tuning.transfer import EXCITATIONS, FREQUENCY_RATIOS
 
@@ -105,11 +106,11 @@ def steady_state(
     low = np.full(len(w), np.log(SMALLEST * friction.reference))
     high = np.log(LARGEST * (force * w / values.k1 + friction.reference))
     for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        c = equivalent_damping(friction, np.exp(middle))
+        half_way = 0.5 * (low + high)
+        c = equivalent_damping(friction, np.exp(half_way))
         x1, x2 = receptance(values._replace(c=c), excitation, w)
-        grows = np.log(amplitude * w * np.abs(x2 - x1)) > middle
-        low, high = np.where(grows, middle, low), np.where(grows, high, middle)
+        grows = np.log(amplitude * w * np.abs(x2 - x1)) > half_way
+        low, high = np.where(grows, half_way, low), np.where(grows, high, half_way)
     c = equivalent_damping(friction, np.exp(low))
     both = amplitude * np.array(receptance(values._replace(c=c), excitation, w))
     return np.concatenate([both, 1j * w * both])
@@ -141,13 +142,17 @@ def of_channel(states: NDArray[np.generic], channel: str) -> NDArray[np.generic]
 
 
 def driven(scene: Scene, excitation: str, amplitude: float) -> Scene:
-    """Return the scene with one value for each field and without control, under a harmonic."""
+    """Return the scene with the middle of each range and without control, under a harmonic."""
     harmonic = {
         "kind": "harmonic", "target": excitation, "amplitude": amplitude, "frequency": 1.0,
     }  # fmt: skip
     others = ("randomization", "initial", "sensors", "actuation", "objective")
-    nothing: dict[str, object] = {name: {} for name in others}
-    return scene.replace(excitation=[harmonic], **nothing)
+    changes: dict[str, object] = {name: {} for name in others}
+    for name in scene.randomization:
+        field, _ = scene.drawn_ratios.get(name, (name, ""))
+        if not field.startswith(("excitation.", *others)):
+            changes[field] = middle(scene, field, np.nan)
+    return scene.replace(excitation=[harmonic], **changes)
 
 
 def steady_amplitude(scene: Scene, channel: str, frequency: float, start: Array) -> float:
@@ -377,7 +382,7 @@ def friction_absorber(
     ----------
     scene
         A scene whose interface is dry friction: its coefficients, reference velocity and damping in
-        slip are kept. Its actuators, noise and ranges are left out.
+        slip are kept. Its actuators and noise are left out; a range is replaced by its middle.
     amplitude
         Amplitude of the harmonic [N, or m/s^2]; by default that of the scene's own harmonic.
     excitation
@@ -436,11 +441,14 @@ def _problem(
     check_name("interface.kind", scene.interface.kind, ["dry_friction"], DesignError)
     check_name("excitation", excitation, EXCITATIONS, DesignError)
     check_name("channel", channel, motion_channels(), DesignError)
-    require_fixed(scene, "interface.normal_force")
+    require_fixed(scene, ("interface.normal_force", tuned_field(scene)))
     require_resonance(linear_values(scene))
     if amplitude is None:
-        harmonics = [part for part in scene.excitation if part.kind == "harmonic"]
-        sizes = [abs(part.amplitude) for part in harmonics if part.target == excitation]
+        sizes = [
+            abs(middle(scene, f"excitation.{k}.amplitude", part.amplitude))
+            for k, part in enumerate(scene.excitation)
+            if part.kind == "harmonic" and part.target == excitation
+        ]
         if not sizes:
             msg = (
                 f"amplitude: missing; no harmonic moves the {excitation} of the scene, and the "

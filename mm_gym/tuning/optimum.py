@@ -20,7 +20,7 @@ from mm_gym.arrays import Array
 from mm_gym.errors import DesignError, check_name, refuse
 from mm_gym.scene.scene import Scene, require_scene
 from mm_gym.tuning.closed_forms import CLOSED_FORMS, closed_form
-from mm_gym.tuning.reach import obstacle, reach_of, springs_with, tuned_field
+from mm_gym.tuning.reach import obstacle, reach_of, require_fixed, springs_with, tuned_field
 from mm_gym.tuning.result import Design, Reference, Tuning
 from mm_gym.tuning.transfer import (
     CHANNELS,
@@ -328,7 +328,7 @@ def tune(
         and stiffness.
     """
     goal = _goal(scene, excitation, channel, criterion)
-    require_fixed(scene, "interface.damping")
+    require_fixed(scene, ("interface.damping", tuned_field(scene)))
     values, reach = linear_values(scene), reach_of(scene)
     scaled = without_dimension(values)
 
@@ -369,14 +369,6 @@ def evaluate(
     goal = _goal(scene, excitation, channel, criterion)
     values = linear_values(scene)
     return _design(values, without_dimension(values), goal)
-
-
-def require_fixed(scene: Scene, name: str) -> None:
-    """Raise `DesignError` if a field, or that of the springs' stiffness, is drawn."""
-    for tuned in (name, tuned_field(scene)):
-        if tuned in scene.randomization:
-            msg = f"randomization.{tuned}: a tuned field cannot be drawn; leave it out"
-            raise DesignError(msg)
 
 
 def _goal(scene: Scene, excitation: str | None, channel: str, criterion: str) -> Goal:

@@ -8,6 +8,7 @@ import numpy as np
 
 from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
 from mm_gym.errors import DesignError, OutOfReachError, positive_number
+from mm_gym.plant.task import middle
 from mm_gym.scene.mechanics import WITHOUT_STRETCH
 from mm_gym.scene.scene import Scene, require_scene
 
@@ -40,7 +41,7 @@ def stretch_for(scene: Scene, stiffness: float) -> float:
 class Reach(NamedTuple):
     """What the springs of a scene reach."""
 
-    k0: float  # springs.stiffness [N/m]
+    k0: float  # springs.stiffness [N/m], the middle of its range
     low: float  # least k2 [N/m]; without limits of the stretch approached, and not reached
     high: float  # largest k2 [N/m]
     shortest: float  # least stretch [-], NaN of springs that have none
@@ -56,10 +57,10 @@ def reach_of(scene: Scene) -> Reach | None:
     springs, actuator = scene.springs, scene.actuation.stretch
     if springs.kind == "none":
         return None
+    k0 = middle(scene, "springs.stiffness", springs.stiffness)
     if springs.kind == "linear":
-        return Reach(springs.stiffness, 0.0, np.inf, np.nan, np.nan, is_limited=False)
+        return Reach(k0, 0.0, np.inf, np.nan, np.nan, is_limited=False)
     low, high = (1.0, LONGEST) if actuator is None else (actuator.minimum, actuator.maximum)
-    k0 = springs.stiffness
     least = spring_stiffness(np.inf if actuator is None else high, k0)
     return Reach(
         k0, float(least), float(spring_stiffness(low, k0)), low, high, actuator is not None
@@ -92,6 +93,14 @@ def tuned_field(scene: Scene) -> str:
     if scene.springs.kind == "linear":
         return "springs.stiffness"
     return "springs.stretch" if scene.actuation.stretch is None else "initial.stretch"
+
+
+def require_fixed(scene: Scene, beginnings: tuple[str, ...]) -> None:
+    """Raise `DesignError` if a field whose name begins so is drawn."""
+    for name in scene.randomization:
+        if name.startswith(beginnings):
+            msg = f"randomization.{name}: a tuned field cannot be drawn; leave it out"
+            raise DesignError(msg)
 
 
 def springs_with(scene: Scene, stiffness: float) -> tuple[dict[str, float], float | None]:

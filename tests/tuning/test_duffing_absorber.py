@@ -59,3 +59,14 @@ def test_what_has_no_cubic_spring_or_no_reach_is_refused():
         duffing_absorber(STIFFENING.replace(springs={"kind": "none"}))
     with pytest.raises(OutOfReachError):
         duffing_absorber(STIFFENING.replace(**{"springs.stiffness": 10.0}))
+    drawn = {"interface.damping": [0.1, 0.2]}, {"springs.stretch": [1.2, 1.3]}
+    for ranges in drawn:
+        with pytest.raises(DesignError, match=next(iter(ranges))):
+            duffing_absorber(STIFFENING.replace(randomization=ranges))
+
+
+def test_carriage_that_is_drawn_has_the_middle_of_its_ranges():
+    ranges = {"carriage.cubic_coefficient": [200.0, 600.0], "carriage.stiffness": [8e3, 1.0e4]}
+    drawn = duffing_absorber(STIFFENING.replace(randomization=ranges)).springs
+    middle = {"carriage.cubic_coefficient": 400.0, "carriage.stiffness": 9e3}
+    assert drawn == duffing_absorber(STIFFENING.replace(**middle)).springs

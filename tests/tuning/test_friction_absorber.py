@@ -10,7 +10,7 @@ from tuning.conftest import rig
 from mm_gym import load_scene
 from mm_gym.__main__ import main
 from mm_gym.tuning import DesignError, friction_absorber, lanchester_friction
-from mm_gym.tuning.friction import FrictionProblem, equivalent_damping, friction_of
+from mm_gym.tuning.friction import FrictionProblem, _problem, equivalent_damping, friction_of
 
 GOLDEN = json.loads(
     (Path(__file__).parents[1] / "golden" / "friction_absorber.json").read_text("utf-8")
@@ -156,6 +156,28 @@ def test_motion_is_in_proportion_to_force_friction_and_reference_velocity():
     frequencies = np.array([90.0, 98.9, 102.0])
     small = problem(FREE)._steady(4.4, 0.0, frequencies)
     np.testing.assert_allclose(large._steady(440.0, 0.0, frequencies), 100.0 * small, rtol=1e-9)
+
+
+def test_numbers_that_are_drawn_have_the_middle_of_their_range():
+    ranges = {
+        "carriage.stiffness": [2e4, 3e4],
+        "springs.stiffness": [100.0, 140.0],
+        "interface.kinetic_ratio": [0.5, 0.7],
+        "excitation.0.amplitude": [3.0, 5.0],
+    }
+    middle = {
+        "carriage.stiffness": 2.5e4,
+        "springs.stiffness": 120.0,
+        "interface.kinetic_coefficient": 0.6 * MU2,
+    }
+    harmonic = {"kind": "harmonic", "amplitude": 1.0, "frequency": 100.0}
+    drawn = _problem(
+        SPRUNG.replace(excitation=[harmonic], randomization=ranges),
+        *(None, "force", "carriage_displacement"),
+    )
+    assert drawn.amplitude == 4.0
+    one, other = drawn.scene, problem(SPRUNG.replace(**middle)).scene
+    assert one == other.replace(**{"excitation.0.amplitude": 4.0})
 
 
 def test_command_tunes_friction_and_draws_it(free, tmp_path, capsys, monkeypatch):

@@ -121,6 +121,15 @@ def test_optimum_out_of_reach_is_answered_with_the_reason_and_the_best_in_reach(
     assert tune(softer).out_of_reach is None
 
 
+def test_springs_that_are_drawn_have_the_middle_of_their_range():
+    scene = rig(0.1, k0=300.0).replace(randomization={"springs.stiffness": [180.0, 240.0]})
+    found = tune(scene)
+    assert evaluate(found.tuned).value == pytest.approx(found.after.value, rel=1e-9)
+    assert f"  {scene.springs.stretch:.6g}  " in found.table().splitlines()[3]
+    softer = tune(scene.replace(randomization={"springs.stiffness": [18.0, 22.0]}))
+    assert "with springs.stiffness = 20 N/m" in softer.out_of_reach
+
+
 def test_limits_of_the_actuator_are_the_reach():
     scene = TASKS["mm_gym/PreStretch-v0"]
     found = tune(scene)
