@@ -456,5 +456,5 @@ def _problem(
             )
             raise DesignError(msg)
         amplitude = max(sizes)
-    size = positive_number("amplitude", amplitude, DesignError)
-    return FrictionProblem(scene, excitation, size, channel)
+    amplitude = positive_number("amplitude", amplitude, DesignError)
+    return FrictionProblem(scene, excitation, amplitude, channel)

@@ -214,6 +214,8 @@ def test_command_refuses_what_has_no_meaning(arguments, message, capsys):
         (FREE, {"excitation": "grnd"}, "did you mean 'ground'"),
         (FREE, {"channel": "carriage_acceleration"}, "channel: got 'carriage_acceleration'"),
         (FREE, {"amplitude": 0.0}, "amplitude: got 0"),
+        (FREE, {"amplitude": "1"}, "amplitude: got '1'"),
+        (FREE, {"amplitude": True}, "amplitude: got True"),
         (FREE.replace(**{"carriage.mass": 0.0}), {}, r"carriage\.mass: got 0"),
         (
             FREE.replace(
