@@ -16,10 +16,11 @@ from mm_gym.arrays import Array
 from mm_gym.compiler.jit import OBSTACLE
 from mm_gym.compiler.notice import NOT_KEPT
 from mm_gym.errors import ActionError, SimulationError, finite_numbers, refuse
-from mm_gym.files import write_csv
 from mm_gym.lanes import layout
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
+from mm_gym.records.options import LARGEST
+from mm_gym.records.text import MOST_BYTES, series
 from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.scene import Scene, require_scene
 from mm_gym.simulation.checks import checked_seed
@@ -33,6 +34,9 @@ Policy = Callable[[float, Array], ArrayLike]
 MOST_STEPS = 100_000_000
 """Control steps of one simulation at most. It takes 80 bytes for each sample interval, and more
 with excitation other than harmonics."""
+
+MOST_SAMPLES = MOST_BYTES // 16 - 8
+"""Rows of a ground motion at most: 16 bytes each, after a head of 128."""
 
 
 def simulate(
@@ -80,7 +84,8 @@ def simulate(
     CompileError
         If no plant covers the scene.
     SceneError
-        If the seed is not an integer from 0 to 2**64 - 1.
+        If the seed is not an integer from 0 to 2**64 - 1, or times of the ground do not increase
+        from 0 or later.
     ActionError
         If the action does not fit the actuators or is not finite.
     SimulationError
@@ -213,11 +218,16 @@ def shaken(scene: Scene, motion: ArrayLike) -> Plant:
 def record_of(motion: ArrayLike) -> Generator[Recorded]:
     """Write a ground motion to a file of its own for a while."""
     samples = checked_motion(motion)
+    series(samples, None, lambda row: f"ground: row {row + 1}")
+    if (largest := np.abs(samples).max()) > LARGEST:
+        refuse("ground", f"{largest:g}", f"numbers of magnitude at most {LARGEST:g}")
+    if len(samples) > MOST_SAMPLES:
+        refuse("ground", f"{len(samples)} rows", f"at most {MOST_SAMPLES}")
     with TemporaryDirectory() as folder, warnings.catch_warnings():
         # A simulation may be shorter than the ground's motion.
         warnings.filterwarnings("ignore", message=r"excitation\.\d+: the record lasts")
-        file = Path(folder) / "ground.csv"  # the way of every record, all digits are kept
-        write_csv(file, ["time [s]", "acceleration [m/s^2]"], list(samples.T))
+        file = Path(folder) / "ground.npy"  # the way of every record, all digits are kept
+        np.save(file, samples)
         yield Recorded(target="ground", file=str(file), unit="m/s^2")
 
 

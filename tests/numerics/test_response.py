@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mm_gym import MovingMassEnv, Scene, SimulationError, compile_scene, simulate
+from mm_gym import MovingMassEnv, Scene, SceneError, SimulationError, compile_scene, simulate
 from mm_gym.step.channels import CHANNELS
 
 MOTION = Path(__file__).parents[1] / "data" / "motion.csv"
@@ -116,6 +116,14 @@ def test_wrong_names_grounds_and_masses_are_refused():
         simulate(Scene(), ground=[1.0, 2.0, 3.0])
     with pytest.raises(SimulationError, match="ground: got NaN"):
         simulate(Scene(), ground=[[0.0, np.nan], [1.0, 0.0]])
+    for ground, message in (
+        ([[0.0, 1.0], [0.0, 2.0]], "^ground: row 2: time: got 0; allowed: at least 1e-09 s more"),
+        ([[-1.0, 1.0], [0.0, 2.0]], "^ground: row 1: time: got -1; allowed: at least 0 s"),
+        ([[0.0, 1e13], [1.0, 2.0]], r"^ground: got 1e\+13; allowed: "),
+        (np.zeros((2**20, 2)) + np.arange(2**20)[:, None], "^ground: got 1048576 rows; allowed: "),
+    ):
+        with pytest.raises(SceneError, match=message):
+            simulate(Scene(), ground=ground)
     with pytest.raises(SimulationError, match="pass the scene"):
         simulate(compile_scene(Scene()), ground=[[0.0, 1.0], [1.0, 0.0]])
     with pytest.raises(SimulationError, match=r"carriage\.mass"):
