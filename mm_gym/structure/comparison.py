@@ -19,6 +19,7 @@ from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import StructureError, refuse
 from mm_gym.files import aligned
 from mm_gym.plant.compile import compile_scene
+from mm_gym.plant.task import middle
 from mm_gym.records import Record
 from mm_gym.records.text import evenly
 from mm_gym.scene.scene import Scene, require_scene
@@ -231,8 +232,9 @@ class BalancedError(NamedTuple):
 def balanced_error(reduction: Reduction, scene: Scene) -> BalancedError:
     """Return the error of the mapping "balanced" under white noise of the ground.
 
-    The scene is linearised about equilibrium. The difference of the mappings is a pair of forces
-    m1 m2 / (m1 + m2) (Gamma - r_j) a between carriage and device, (S7), so it vanishes with m2.
+    The scene is linearised about equilibrium, in the middle of every range. The difference of the
+    mappings is a pair of forces m1 m2 / (m1 + m2) (Gamma - r_j) a between carriage and device,
+    (S7), so it vanishes with m2.
 
     Raises
     ------
@@ -243,7 +245,8 @@ def balanced_error(reduction: Reduction, scene: Scene) -> BalancedError:
     shift = np.array([[1.0, 0.0], [-1.0, 1.0]])  # x1, x2 - x1
     turn = np.kron(np.eye(2), shift)
     a = turn @ a @ np.linalg.inv(turn)
-    gamma, own, mass = reduction.participation, reduction.ground, scene.sphere.mass
+    gamma, own = reduction.participation, reduction.ground
+    mass = middle(scene, "sphere.mass", scene.sphere.mass)
     balance = reduction.shaking.balance(mass)
     exact = np.array([0.0, 0.0, *(shift @ [-gamma, -own])])
     scaled = np.array([0.0, 0.0, *(shift @ [-balance, -balance])])

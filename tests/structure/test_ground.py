@@ -163,6 +163,13 @@ def test_balanced_error_of_the_examples_is_as_documented(name, displacement, str
     assert abs(error.displacement_rms) < 1e-3
 
 
+def test_balanced_error_of_a_device_whose_mass_is_drawn_is_that_of_the_middle():
+    scene = FRAME.scene(0.3, **PARTS)
+    drawn = scene.replace(randomization={"sphere.mass": [0.5, 0.7]})
+    middle = scene.replace(**{"sphere.mass": 0.6})
+    assert balanced_error(FRAME, drawn) == pytest.approx(balanced_error(FRAME, middle), rel=1e-9)
+
+
 def test_balanced_error_of_a_device_without_damping_and_springs_has_no_value():
     with pytest.raises(StructureError, match="no variance"):
         balanced_error(FRAME, FRAME.scene(0.3, interface={"kind": "none"}))
