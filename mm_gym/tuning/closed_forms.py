@@ -46,12 +46,21 @@ class Absorber:
     value: float
 
     def stiffness(self, m2: float, w1: float) -> float:
-        """Return k2 [N/m] for a sphere of mass m2 [kg] on a carriage of frequency w1 [rad/s]."""
+        """Return k2 [N/m] for a sphere of mass m2 [kg] on a carriage of frequency w1 [rad/s].
+
+        Raise `DesignError` unless both are greater than 0.
+        """
+        m2, w1 = _positive(m2, w1)
         return m2 * (self.frequency_ratio * w1) ** 2
 
     def damping(self, m2: float, w1: float) -> float:
         """Return c [N s/m], see `stiffness`."""
+        m2, w1 = _positive(m2, w1)
         return 2.0 * self.damping_ratio * m2 * w1 * (self.frequency_ratio or 1.0)
+
+
+def _positive(m2: float, w1: float) -> tuple[float, float]:
+    return positive_number("m2", m2, DesignError), positive_number("w1", w1, DesignError)
 
 
 class ClosedForm(NamedTuple):

@@ -130,3 +130,13 @@ def test_wrong_names_and_mass_ratios_are_refused():
             closed_form("den_hartog", ratio)
     with pytest.raises(DesignError, match="below 2"):
         closed_form("h2_ground_displacement", 2.5)
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, "1", True])
+def test_absorber_refuses_a_mass_and_a_frequency_that_are_none(wrong):
+    absorber = closed_form("h2_ground_displacement", 0.05)
+    for of in (absorber.stiffness, absorber.damping):
+        with pytest.raises(DesignError, match=r"m2: got .*; allowed: .* greater than 0"):
+            of(wrong, 10.0)
+        with pytest.raises(DesignError, match=r"w1: got .*; allowed: .* greater than 0"):
+            of(0.01, wrong)
