@@ -71,7 +71,7 @@ def chosen(search: Callable[[], float]) -> float:
         note([found])
         return found
     if not known:
-        refuse(WHAT, "fewer numbers than are asked for", "all of them")
+        refuse(WHAT, "too few numbers", "as many as the controller chooses")
     return known.popleft()
 
 

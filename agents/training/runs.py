@@ -151,9 +151,10 @@ class Run:
             done = str(interrupt)
             raise KeyboardInterrupt(done, f"{self.folder}: {advice}") from None
         except OSError as error:  # a full disk, a folder that cannot be written to
-            kept = "its last checkpoint is whole: give the same command again when there is room"
+            again = "give the same command again when files can be written"
+            kept = f"its last checkpoint is whole: {again}"
             if self.finished:
-                kept = f"trained; score it when there is room: {self.scoring}"
+                kept = f"trained; score it when files can be written: {self.scoring}"
             msg = f"{error}\n{self.folder}: {kept}"
             raise OSError(msg) from error
 

@@ -67,7 +67,7 @@ def test_controller_is_made_again_without_its_search(
 def test_numbers_that_are_not_of_the_controller_are_refused() -> None:
     make = lambda: laws(STRETCH)["clipped-lqr"](STRETCH)  # noqa: E731 - one of many calls
     for numbers, told in (
-        ([2.0], "got fewer numbers than are asked for; allowed: all of them"),
+        ([2.0], "got too few numbers; allowed: as many as the controller chooses"),
         ([2.0, 0.1, 0.3], "got 3 numbers; allowed: 2"),
         ([2.5, 0.1], "got 2.5 as a place among 40; allowed: 0 to 39"),
         ([-1.0, 0.1], "got -1 as a place"),
@@ -162,7 +162,7 @@ def test_run_of_an_earlier_version_searches_its_base(tmp_path: Path) -> None:
     [
         (["much"], "numbers.0: got 'much'"),
         ([float("nan")], "NaN"),
-        ([], "got fewer numbers"),
+        ([], "got too few numbers"),
         ([0.1, 0.2], "got 2 numbers; allowed: 1"),
         ([400.0], "Numerical result out of range"),
     ],
