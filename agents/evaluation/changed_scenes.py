@@ -34,7 +34,7 @@ class Records:
     unit: str | None = None  # of their values; by default g for AT2, else m/s^2 or N
 
 
-NONE = Records()
+NO_RECORDS = Records()
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Outcome:
     ratio: float  # cost over that on the scene as designed [-]; NaN where that is 0
 
 
-def variants(scene: Scene, records: Records = NONE) -> dict[tuple[str, float], Scene]:
+def variants(scene: Scene, records: Records = NO_RECORDS) -> dict[tuple[str, float], Scene]:
     """Return the changed scenes by study and level, the scene as it is first.
 
     What the scene draws is drawn from a range that is changed by the same factor. A scene that
@@ -113,7 +113,7 @@ def _recorded(scene: Scene, file: Path, unit: str | None) -> Scene:
 
 
 def outcomes(
-    scene: Scene, rows: Sequence[Entry], episodes: Episodes, records: Records = NONE
+    scene: Scene, rows: Sequence[Entry], episodes: Episodes, records: Records = NO_RECORDS
 ) -> list[Outcome]:
     """Return what every controller of a task does on every changed scene.
 

@@ -12,7 +12,7 @@ from agents.control.controller import Reads
 from agents.controllers.constant import best_constant
 from agents.controllers.tuned import NOT_SCORED, Baselines, baselines
 from agents.evaluation.aggregates import Sample
-from agents.evaluation.changed_scenes import NONE, Outcome, Records, outcomes
+from agents.evaluation.changed_scenes import NO_RECORDS, Outcome, Records, outcomes
 from agents.evaluation.closed_loop import ClosedLoop, closed_loop
 from agents.evaluation.contestants import Entry, Episodes, Field
 from agents.evaluation.effort import efforts
@@ -26,7 +26,7 @@ class Studies:
     """What is measured in addition to the cost."""
 
     robustness: bool = False  # whether the controllers are tried on changed scenes
-    records: Records = NONE  # recorded motions among the changes
+    records: Records = NO_RECORDS  # recorded motions among the changes
     frequency: bool = False  # whether the closed loop's response over frequency is measured
     effort: bool = False  # whether response and effort are, over references
     # Whether motions are recorded. All studies are then of a few controllers: those asked for by

@@ -100,13 +100,19 @@ class Training(Scored):
         return self
 
 
-class Results(BaseModel, strict=True):
-    """What the file holds; older files have a further table, which is left out."""
+class Results(BaseModel, extra="forbid", strict=True):
+    """What the file holds."""
 
     controllers: list[Reference]
     trainings: list[Training]
     # Those on tasks, scored on the task's variant with an observer; each is a row of the variant.
     observed: list[Training] = []
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_earlier(cls, data: dict[str, object]) -> dict[str, object]:
+        """Leave out a table that older files have."""
+        return {name: rows for name, rows in data.items() if name != "earlier"}
 
 
 NOTHING = Results(controllers=[], trainings=[])

@@ -84,8 +84,8 @@ def simulate(
     CompileError
         If no plant covers the scene.
     SceneError
-        If the seed is not an integer from 0 to 2**64 - 1, or times of the ground do not increase
-        from 0 or later.
+        If the seed is not an integer from 0 to 2**64 - 1, or the motion of the ground
+        has too many rows, too large numbers, or times that do not increase from 0 or later.
     ActionError
         If the action does not fit the actuators or is not finite.
     SimulationError
@@ -219,8 +219,10 @@ def record_of(motion: ArrayLike) -> Generator[Recorded]:
     """Write a ground motion to a file of its own for a while."""
     samples = checked_motion(motion)
     series(samples, None, lambda row: f"ground: row {row + 1}")
-    if (largest := np.abs(samples).max()) > LARGEST:
-        refuse("ground", f"{largest:g}", f"numbers of magnitude at most {LARGEST:g}")
+    if len(large := np.argwhere(np.abs(samples) > LARGEST)):
+        row, column = large[0]
+        got, allowed = f"{samples[row, column]:g}", f"numbers of magnitude at most {LARGEST:g}"
+        refuse(f"ground: row {row + 1}", got, allowed)
     if len(samples) > MOST_SAMPLES:
         refuse("ground", f"{len(samples)} rows", f"at most {MOST_SAMPLES}")
     with TemporaryDirectory() as folder, warnings.catch_warnings():

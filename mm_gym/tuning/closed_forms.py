@@ -243,8 +243,8 @@ def duffing_absorber(scene: Scene) -> Scene:
     of finite stretch: with free length l0 and stretch s their force is
     k2 xi + 8 k0 xi^3 / (s^5 l0^2) + ..., and l0 is chosen to give the cubic term.
 
-    The interface becomes viscous; ``carriage.cubic_coefficient`` must be greater than 0. A range is
-    replaced by its middle.
+    The interface becomes viscous; ``carriage.cubic_coefficient`` must be greater than 0. The
+    design is for the middle of each range; the ranges stay.
 
     Raises
     ------

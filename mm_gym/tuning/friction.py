@@ -382,7 +382,8 @@ def friction_absorber(
     ----------
     scene
         A scene whose interface is dry friction: its coefficients, reference velocity and damping in
-        slip are kept. Its actuators and noise are left out; a range is replaced by its middle.
+        slip are kept. Its actuators and noise are left out of the search, and the
+        design is for the middle of each range.
     amplitude
         Amplitude of the harmonic [N, or m/s^2]; by default that of the scene's own harmonic.
     excitation
@@ -407,7 +408,8 @@ def friction_absorber(
     Struct. Dyn. 28 (1999).
     """
     problem = _problem(scene, amplitude, excitation_of(scene, excitation), channel)
-    own = problem.interface.normal_force or scene.sphere.mass * GRAVITY
+    own = problem.interface.normal_force
+    own = own or middle(scene, "sphere.mass", scene.sphere.mass) * GRAVITY
     reach, reason = reach_of(scene), None
     start = problem.first(None if reach is None else problem.any_springs)
     if reach is not None:

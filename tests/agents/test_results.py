@@ -269,6 +269,16 @@ class TestFile:
         with pytest.raises(SceneError, match=rf"results\.json: not a file of results: {words}"):
             read_results(tmp_path / "results.json")
 
+    def test_table_of_older_files_is_left_out_and_any_other_refused(self, tmp_path):
+        data = COMMITTED.model_dump() | {"earlier": [{"cost": 1.0}]}
+        (tmp_path / "results.json").write_text(json.dumps(data))
+        assert read_results(tmp_path / "results.json") == COMMITTED
+        (tmp_path / "results.json").write_text(json.dumps(data | {"observd": []}))
+        with pytest.raises(
+            SceneError, match=r"not a file of results: observd: got .*; Extra inputs"
+        ):
+            read_results(tmp_path / "results.json")
+
     def test_foreign_file_is_named(self, tmp_path):
         (tmp_path / "results.json").write_text('{"rows": []}')
         with pytest.raises(SceneError, match="not a file of results: controllers: Field required"):

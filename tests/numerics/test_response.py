@@ -119,7 +119,7 @@ def test_wrong_names_grounds_and_masses_are_refused():
     for ground, message in (
         ([[0.0, 1.0], [0.0, 2.0]], "^ground: row 2: time: got 0; allowed: at least 1e-09 s more"),
         ([[-1.0, 1.0], [0.0, 2.0]], "^ground: row 1: time: got -1; allowed: at least 0 s"),
-        ([[0.0, 1e13], [1.0, 2.0]], r"^ground: got 1e\+13; allowed: "),
+        ([[0.0, 1.0], [1.0, -1e13]], r"^ground: row 2: got -1e\+13; allowed: "),
         (np.zeros((2**20, 2)) + np.arange(2**20)[:, None], "^ground: got 1048576 rows; allowed: "),
     ):
         with pytest.raises(SceneError, match=message):

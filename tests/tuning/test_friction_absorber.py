@@ -9,6 +9,7 @@ from tuning.conftest import rig
 
 from mm_gym import load_scene
 from mm_gym.__main__ import main
+from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.tuning import DesignError, friction_absorber, lanchester_friction
 from mm_gym.tuning.friction import FrictionProblem, _problem, equivalent_damping, friction_of
 
@@ -230,6 +231,17 @@ def test_command_refuses_what_has_no_meaning(arguments, message, capsys):
 def test_what_cannot_be_tuned_is_refused_with_the_reason(scene, options, message):
     with pytest.raises(DesignError, match=message):
         friction_absorber(scene, **({"amplitude": 1.0} | options))
+
+
+def test_own_design_has_the_middle_of_a_drawn_mass(monkeypatch):
+    # Without a stated normal force it is the weight; the simulated search is left out.
+    monkeypatch.setattr(FrictionProblem, "improved", lambda _, start, __: start)
+    m2 = FREE.sphere.mass
+    drawn = FREE.replace(
+        **{"interface.normal_force": None}, randomization={"sphere.mass": [2.0 * m2, 4.0 * m2]}
+    )
+    found = friction_absorber(drawn, amplitude=1.0)
+    assert found.before.normal_force == pytest.approx(3.0 * m2 * GRAVITY, rel=1e-12)
 
 
 def test_unreachable_stiffness_is_told_with_the_best_in_reach(monkeypatch):
