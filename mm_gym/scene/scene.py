@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import Annotated, Any, ClassVar, Protocol, cast
 
 from pydantic import BeforeValidator, Field, PlainValidator
 from pydantic_core import PydanticKnownError
 
+from mm_gym.arrays import Array
 from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.files import read_bytes
 from mm_gym.records.text import MOST_BYTES
@@ -33,9 +35,6 @@ from mm_gym.scene.mechanics import (
 )
 from mm_gym.scene.part import Data, Document, Part, Rule, dotted_name, is_known, listed, never, put
 from mm_gym.scene.sensors import Sensors
-
-if TYPE_CHECKING:
-    from mm_gym.env.own_reward import OwnReward
 
 Weight = Annotated[float, Field(ge=0, le=1e12)]
 Scale = Annotated[float, Field(ge=1e-12, le=1e12)]
@@ -224,6 +223,31 @@ def bounds(value: NumberOrRange) -> tuple[float, float]:
     return value if isinstance(value, tuple) else (value, value)
 
 
+class Reward(Protocol):
+    """What `mm_gym.OwnReward` has, for rooms below the one that makes it."""
+
+    given: Any
+    name: str
+    arguments: tuple[str, ...]
+
+    @cached_property
+    def kernel(self) -> Callable[..., int]:
+        """The kernel that rewards a step."""
+        ...
+
+    def costs(self, values: Array) -> Array:
+        """Return the costs (n,) of lanes (rows, n)."""
+        ...
+
+    def first_fault(self, values: Array) -> int:
+        """Return the first lane whose cost is not finite."""
+        ...
+
+    def fault(self, lane: Array) -> str:
+        """Return what is wrong with the cost of a lane (rows,)."""
+        ...
+
+
 class Scene(Document):
     """A carriage and a sphere, their coupling and excitation, and what the agent does and sees.
 
@@ -303,7 +327,7 @@ class Scene(Document):
         return [*super().findings(wrong, prefix), *self._randomization_findings(wrong)]
 
     @property
-    def own_reward(self) -> OwnReward | None:
+    def own_reward(self) -> Reward | None:
         """A caller's reward in place of `objective`, if there is one; see `mm_gym.rewarded`."""
         return None
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,14 +23,12 @@ from mm_gym.lanes.random import COUNT, EPISODE, KEY, seed_streams, uniform
 from mm_gym.lanes.threads import nothing
 from mm_gym.law.dry_friction import write_regimes
 from mm_gym.plant.plant import Plant
+from mm_gym.scene.scene import Reward
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields, checked_seed
 from mm_gym.simulation.failures import text_of
 from mm_gym.simulation.threads import Threads
 from mm_gym.step import episodes
 from mm_gym.step.outputs import copy_ends, copy_observed, copy_outputs
-
-if TYPE_CHECKING:
-    from mm_gym.env.own_reward import OwnReward
 
 SEVERAL = 64  # lanes that are restarted together take less time gathered, if there are so many
 
@@ -81,7 +79,7 @@ class Lanes:
     """
 
     def __init__(
-        self, plant: Plant, count: int, threads: int = 1, own_reward: OwnReward | None = None
+        self, plant: Plant, count: int, threads: int = 1, own_reward: Reward | None = None
     ) -> None:
         self.plant = plant
         self.count = count
