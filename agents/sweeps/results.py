@@ -110,8 +110,10 @@ class Results(BaseModel, extra="forbid", strict=True):
 
     @model_validator(mode="before")
     @classmethod
-    def _without_earlier(cls, data: dict[str, object]) -> dict[str, object]:
+    def _without_earlier(cls, data: Any) -> Any:  # noqa: ANN401 - whatever a file holds
         """Leave out a table that older files have."""
+        if not isinstance(data, dict):
+            return data
         return {name: rows for name, rows in data.items() if name != "earlier"}
 
 
