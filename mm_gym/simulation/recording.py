@@ -18,6 +18,7 @@ from mm_gym.excitation.kinds import next_corner, write_rows_of_jets
 from mm_gym.lanes import layout
 from mm_gym.plant.plant import Plant
 from mm_gym.simulation.lanes import Lanes
+from mm_gym.simulation.parts import advance
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +194,7 @@ def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[fl
         values[:, 0] = column(recording, row, elapsed, end - elapsed)
         values[rows, 0] = state
         yield elapsed, end - elapsed, values
-        shorter = plant.at_interval(end - elapsed)
-        status = plant.entries.propagate(shorter.model, values, 0, 1)
+        status = advance(plant, values, end - elapsed)
         if status > layout.ENDED:
             msg = f"{plant.method.name}: {layout.MESSAGES[status]}"
             raise SimulationError(msg)

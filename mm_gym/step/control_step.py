@@ -49,6 +49,7 @@ class Entries(NamedTuple):
     whole: Callable[..., int]
     cross: Callable[..., int]
     derive: Callable[..., int]
+    takes_parts: bool  # whether `propagate` takes any part of the sample interval
     stops_at_corners: bool
     is_simple: Callable[..., bool] | None
     advance_simply: Callable[..., int] | None
@@ -126,6 +127,7 @@ def build(
         whole or propagate,
         cross,
         deriving(interface),
+        respond is None,
         stops_at_corners,
         *((is_simple, _advance(at_once)) if at_once else (None, None)),
     )

@@ -67,6 +67,29 @@ def test_states_between_steps_lie_on_the_same_motion():
     assert np.array_equal(together, alone)
 
 
+HELD = PUSHED.replace(**{"actuation": {"force": {"limit": 2.0}}, "springs.stiffness": 300.0})
+WAVES = [
+    {"kind": "harmonic", "amplitude": 2.0, "frequency": 40.0, "phase": 0.3},
+    {"kind": "sweep", "target": "ground", "amplitude": 3.0, "duration": 1.4}
+    | {"start_frequency": 20.0, "end_frequency": 60.0},
+]
+
+
+@pytest.mark.parametrize("excitation", [[], WAVES[:1], WAVES])
+@pytest.mark.parametrize("changes", [{}, {"randomization": {"carriage.mass": (0.09, 0.11)}}])
+@pytest.mark.parametrize("damping", [1.0, 40.0])
+def test_instants_within_a_long_control_step_are_those_of_short_ones(excitation, changes, damping):
+    # The held force, which a control step keeps, is the same in all of them.
+    changes = changes | {"excitation": excitation, "interface.damping": damping}
+    scene = HELD.replace(**changes)
+    times = np.arange(1, 100) * 0.0007
+    fine = scene.replace(**{"control.time_step": 0.0007, "control.steps": 1000})
+    exact = simulate(fine, duration=times[-1], action=1.5).state[1:]
+    found = simulate(scene, times=times, action=1.5).state
+    # Round-off of a hundred steps.
+    assert (abs(found - exact) <= 1e-13 * abs(exact).max(axis=0)).all()
+
+
 @pytest.mark.parametrize("form", ["constant", "array", "function"])
 def test_action_may_be_constant_array_or_function(form):
     steps = np.tile([1.5, 2.0], (40, 1))

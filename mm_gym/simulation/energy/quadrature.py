@@ -11,6 +11,7 @@ import numpy as np
 
 from mm_gym.arrays import Array
 from mm_gym.errors import SimulationError
+from mm_gym.excitation.kinds import FIRST
 from mm_gym.lanes import layout
 from mm_gym.methods.support import fastest_rate
 from mm_gym.plant.plant import Plant
@@ -41,8 +42,9 @@ def integrals_by_series(recording: Recording, start: tuple[Array, ...], duration
 
     Between the kinks of friction, term by term.
     """
-    support, lanes = recording.plant.at_interval(duration).support, lanes_at(recording, start)
-    model = model_of(support, (), len(lanes), 0)
+    lanes = lanes_at(recording, start)
+    shorter = replace(recording.plant.support, sample_interval=duration, excitation=np.zeros(FIRST))
+    model = model_of(shorter, (), len(lanes), 0)
     values = np.vstack([lanes, np.zeros((TANGENTS + 2, lanes.shape[1]))])
     status = rate_series_kernel.propagate(model, values, 0, lanes.shape[1])
     if status > layout.ENDED:
