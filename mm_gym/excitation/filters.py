@@ -16,6 +16,7 @@ from mm_gym.arrays import Array
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes.arithmetic import stay_apart
 from mm_gym.lanes.groups import read, write
+from mm_gym.lanes.listed import set_row
 from mm_gym.lanes.simd import LANES, alike, element, everywhere, root, with_element
 from mm_gym.lanes.simd_masks import all_hold, larger, where
 from mm_gym.lanes.simd_memory import rows_on_stack
@@ -59,8 +60,8 @@ def write_matrices(matrices, first, filters, passes_velocity, step, which):
     Parameters
     ----------
     matrices, first
-        (rows, lanes) float64, written from the first row on; without high-pass only the numbers of
-        the first two states.
+        (rows, lanes) float64, written from the first row on; without high-pass the numbers of the
+        last two states are 0.
     filters
         (4, lanes) float64, read: frequency [rad/s] and damping ratio of the low-pass, then of the
         high-pass.
@@ -80,6 +81,8 @@ def write_matrices(matrices, first, filters, passes_velocity, step, which):
         if has_high_pass:  # compiled for each
             _write_group(matrices, first, filters, passes_velocity, step, own, True)
         else:
+            for row in range(first, first + MATRICES):  # an episode before may have had a high-pass
+                set_row(matrices, row, 0.0, own)
             _write_group(matrices, first, filters, passes_velocity, step, own, False)
         k += count
 

@@ -257,3 +257,19 @@ def test_filters_side_by_side_have_the_matrices_of_each_alone():
     for i in listed:
         shaping.write_matrices(alone, 0, filters, True, 0.005, np.array([i]))
     np.testing.assert_array_equal(together, alone)
+
+
+@pytest.mark.parametrize("name", ["low_frequency", "low_ratio"])
+def test_noise_without_high_pass_does_not_depend_on_the_episode_before(name):
+    scene = BASE.replace(
+        excitation=[NOISE],
+        actuation={"force": {"limit": 1.0}},
+        sensors={"channels": ["disturbance_force"]},
+        randomization={f"excitation.0.{name}": [0.0, 0.5]},
+    )
+    envs = [MovingMassVectorEnv(scene, 3) for _ in range(2)]
+    envs[0].reset(seed=1, options={f"excitation.0.{name}": 0.5})
+    for env in envs:
+        env.reset(seed=2, options={f"excitation.0.{name}": [0.0, 0.3, 0.0]})
+        env.step(np.zeros(env.action_space.shape, np.float32))
+    np.testing.assert_array_equal(*(env.get_state()["values"] for env in envs))
