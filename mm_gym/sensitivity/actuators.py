@@ -1,6 +1,7 @@
 """The derivatives of what actuators apply: command, rate limit, lag and limits.
 
-At a limit the derivative is that on its inner side; an action beyond [-1, 1] changes nothing.
+At a limit, or beyond it by no more than rounding, the derivative is that on its inner side; an
+action beyond [-1, 1] changes nothing.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ import numpy as np
 from mm_gym.arrays import Array
 from mm_gym.lanes import layout
 from mm_gym.step.task import ACTUATORS, LAG_FACTOR
+
+ROUND_OFF = 2.0**-50
+"""Rounding of a command at a limit, relative to the limit."""
 
 
 class Actuator(NamedTuple):
@@ -83,7 +87,7 @@ def slopes(actuator: Actuator, lanes: Array, action: Array) -> Slopes:
         zero = np.zeros_like(applied)
         return Slopes(wanted_by_asked, zero, wanted_by_action, zero, zero)
     goal = applied + factor * (wanted - applied)
-    is_free = _within(goal - applied, -rate, rate)
+    is_free = _within(goal, applied - rate, applied + rate)
     unlimited = np.clip(goal, applied - rate, applied + rate)
     kept = _within(unlimited, low, high)
     by_wanted = kept * is_free * factor
@@ -98,4 +102,5 @@ def slopes(actuator: Actuator, lanes: Array, action: Array) -> Slopes:
 
 
 def _within(value: Array, low: Array | float, high: Array | float) -> Array:
-    return ((low <= value) & (value <= high)).astype(np.float64)
+    margin = ROUND_OFF * np.maximum(np.abs(low), np.abs(high))
+    return ((low - margin <= value) & (value <= high + margin)).astype(np.float64)

@@ -265,6 +265,32 @@ def test_jacobian_follows_actuators_with_rate_limit_and_lag(actuation: dict[str,
         np.testing.assert_allclose(found.action[:, :, k], (ends[0] - ends[1]) / 2e-6, atol=1e-6)
 
 
+# In doubles 0.25 - 0.15 is less than 0.1, and 2.1 - 2 more.
+ODD = {"minimum": 0.1, "maximum": 0.4}
+
+
+@pytest.mark.parametrize(
+    ("device", "start", "action", "slope"),
+    [
+        (ODD, 0.2, -1.0, 0.15),
+        (ODD, 0.2, 1.0, 0.15),
+        ({**ODD, "lag": 1e-4}, 0.1, -1.0, 0.15),
+        ({"minimum": 1.9, "maximum": 2.1, "rate_limit": 10.0}, 2.0, 1.0, 0.1),
+    ],
+)
+def test_derivative_at_a_limit_is_the_inner_one_however_it_is_rounded(
+    device: dict[str, float], start: float, action: float, slope: float
+) -> None:
+    scene = Scene(
+        interface={"kind": "viscous", "damping": start},
+        actuation={"damping": device},
+        control={"time_step": 0.01},
+    )
+    found = compile_scene(scene).jacobian([0.01, 0.0, 0.3, -0.1], [action])
+    assert found.end[4] == pytest.approx(device["minimum" if action < 0.0 else "maximum"])
+    assert found.action[4, 0] == pytest.approx(slope)
+
+
 @pytest.mark.parametrize("mass", [0.0, 0.1])
 def test_jacobian_of_a_linear_plant_is_its_transition_matrix(mass: float) -> None:
     plant = compile_scene(
