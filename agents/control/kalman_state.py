@@ -40,6 +40,7 @@ class KalmanState(ObservedActuators):
         self.a, self.b, self.c = (
             np.stack([getattr(system, name) for system in systems]) for name in "ABC"
         )
+        self.drift = np.stack([system.drift for system in systems])
         longest = max(len(design.filters) for design in designs)
         self.filters = np.stack(
             [
@@ -71,7 +72,8 @@ class KalmanState(ObservedActuators):
         applied, point = memory["applied"], self.nearest(memory["applied"])
         moved = np.einsum("nij,nj->ni", looked_up(self.a[None], point), memory["estimate"])
         pushed = np.einsum("nik,nk->ni", looked_up(self.b[None], point), applied[:, self.forces])
-        return {**memory, "estimate": moved + pushed}
+        drift = looked_up(self.drift[None], point)
+        return {**memory, "estimate": moved + pushed + drift}
 
 
 def _at_once(scene: Scene) -> Scene:

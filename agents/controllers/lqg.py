@@ -63,13 +63,20 @@ REACTIONS = ("carriage_acceleration", "sphere_acceleration")  # what `reaction_w
 
 
 class Regulator(NamedTuple):
-    """u = -gain x of a system's n states, which minimises a quadratic cost of k of them."""
+    """u = held - gain (x - rest) of a system's n states: of the least quadratic cost of k of them.
+
+    Held at `rest`, the force costs least against what pushes all the time, as impulses of one
+    direction do on average; both are 0 without.
+    """
 
     states: tuple[int, ...]  # the k that the cost depends on
     cost: Quadratic  # of these at a step's end, and of the force in it
     gain: Array  # (n,) [N per unit]; zero for all other states
     riccati: Array  # (k, k): P, the cost to go
     curvature: float  # of the cost to go over the force [1/N^2]
+    rest: Array  # (n,)
+    held: float  # [N]
+    slope: Array  # (k,): half the slope of the cost to go at x = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +115,7 @@ def design_lqg(
     fed_back = law.gain[list(law.states)]
     cost = float(np.sum(law.riccati * system.process_noise[rows]))
     cost += float(law.curvature * fed_back @ own.error[rows] @ fed_back)
+    cost += law.cost.at(law.rest[list(law.states)], law.held)
     return LQGDesign(**vars(own), regulator=law, cost=cost)
 
 
@@ -118,6 +126,7 @@ def regulator(
     regulated, a, b, own = regulated_part(plant, scene, at, system)
     stage = own.ahead(a, b) if own.cross.any() else own
     x, limit = state_units(scene, plant, system)[list(regulated)], Command(scene, "force").high
+    drift = system.drift[list(regulated)]
     scaled = stage.in_units(x, limit)
     with solvable("the regulator's Riccati equation"):
         found, riccati, poles = control.dlqr(
@@ -129,13 +138,37 @@ def regulator(
             f"the cost contains and that does not decay ({np.abs(poles).max():.9f} in a step)"
         )
         raise DesignError(msg)
-    gain = np.zeros(len(system.states))
+    gain, rest = np.zeros((2, len(system.states)))
     gain[list(regulated)] = np.asarray(found)[0] * limit / x
+    at_rest, held, pull = _rest(
+        a * x / x[:, None], b * limit / x[:, None], own.in_units(x, limit), drift / x
+    )
+    rest[list(regulated)] = at_rest * x
     riccati = np.asarray(riccati) / np.outer(x, x)
     curvature = (stage.force + b.T @ riccati @ b).item()
     if stage is not own:
         riccati = riccati + own.state
-    return Regulator(regulated, own, gain, riccati, curvature)
+    slope = pull / x - riccati @ rest[list(regulated)]
+    return Regulator(regulated, own, gain, riccati, curvature, rest, held * limit, slope)
+
+
+def _rest(a: Array, b: Array, cost: Quadratic, drift: Array) -> tuple[Array, float, Array]:
+    """Return the x and u of least cost with x = A x + B u + drift.
+
+    Also half the slope of the cost to go there: from another x, the cost of all steps differs by
+    that of the way to the x of least cost.
+    """
+    count = len(a)
+    if not drift.any():
+        return np.zeros(count), 0.0, np.zeros(count)
+    moved = np.hstack([a - np.eye(count), b])
+    weight = np.block([[cost.state, cost.cross], [cost.cross.T, cost.force]])
+    # Lagrange's conditions; A - 1 and B have full rank where B reaches what does not decay.
+    conditions = np.block([[weight, moved.T], [moved, np.zeros((count, count))]])
+    with solvable("the equation of the force that is held"):
+        found = np.linalg.solve(conditions, np.concatenate([np.zeros(count + 1), -drift]))
+    rest, held, pull = np.split(found, [count, count + 1])
+    return rest, held.item(), pull - cost.cross[:, 0] * held
 
 
 def regulated_part(
@@ -213,8 +246,8 @@ class LQG(Controller):
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         memory = self.corrected(memory, observation)
-        estimate = memory["estimate"]
-        force = self.further_force(estimate) - estimate @ self.design.regulator.gain
+        estimate, law = memory["estimate"], self.design.regulator
+        force = law.held + self.further_force(estimate) - (estimate - law.rest) @ law.gain
         force = np.clip(force, -self.limit, self.limit)
         return force[:, None] / self.limit, memory
 
@@ -234,9 +267,12 @@ class LQG(Controller):
         return 0.0
 
     def note(self, memory: Memory, action: Array) -> Memory:
+        return {**memory, "estimate": self.predicted(memory, self.limit * action)}
+
+    def predicted(self, memory: Memory, force: Array) -> Array:
+        """Return the estimate a control step later, of forces (lanes, 1) [N]."""
         system = self.design.system
-        estimate = memory["estimate"] @ system.A.T + self.limit * action * system.B[:, 0]
-        return {**memory, "estimate": estimate}
+        return memory["estimate"] @ system.A.T + force * system.B[:, 0] + system.drift
 
 
 class ReachedLQG(LQG):
@@ -254,11 +290,11 @@ class ReachedLQG(LQG):
         return {**super().begin(env), "applied": still, "asked": still}
 
     def note(self, memory: Memory, action: Array) -> Memory:
-        before, system = memory["applied"], self.design.system
+        before = memory["applied"]
         applied, asked = self.actuators.reached(action, before, memory["asked"])
         # The command that a force without rate limit would follow to the same value.
         force = before + (applied - before) / self.share
-        estimate = memory["estimate"] @ system.A.T + force * system.B[:, 0]
+        estimate = self.predicted(memory, force)
         return {**memory, "estimate": estimate, "applied": applied, "asked": asked}
 
 

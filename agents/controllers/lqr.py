@@ -103,6 +103,11 @@ class Quadratic(NamedTuple):
             self.state * np.outer(x, x), self.cross * x[:, None] * force, self.force * force**2
         )
 
+    def at(self, state: Array, force: float) -> float:
+        """Return the cost of a state (n,) and a force."""
+        crossed, effort = self.cross[:, 0] * force, self.force.item() * force**2
+        return float(state @ self.state @ state + 2.0 * (state @ crossed) + effort)
+
     def of(self, states: Sequence[int]) -> Quadratic:
         """Return the cost of some of the states, where the others have no part in it."""
         rows = np.ix_(states, states)

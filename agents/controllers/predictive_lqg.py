@@ -45,13 +45,22 @@ class PredictiveLQG(ReachedLQG):
         (state, last), cross = np.zeros((2, *system.A.shape)), np.zeros((len(names), 1))
         state[inside], last[inside] = law.cost.state, law.riccati
         cross[list(law.states)] = law.cost.cross
+        slope, drift = np.zeros(len(names)), system.drift[self.planned]
+        slope[list(law.states)] = law.slope
+        # What pushes all the time is a state of the plan, 1 at all times.
+        one = self.one = int(drift.any())
+        a, state = (np.pad(matrix, (0, one)) for matrix in (system.A[both], state[both]))
+        last, cross = np.pad(last[both], (0, one)), np.pad(cross[self.planned], ((0, one), (0, 0)))
+        if one:
+            a[:, -1], last[:-1, -1] = [*drift, 1.0], slope[self.planned]
+            last[-1] = last[:, -1]
         self.program = Program(
             scene,
-            system.A[both],
-            system.B[self.planned],
-            Quadratic(state[both], cross[self.planned], law.cost.force),
-            last=last[both],
-            rows=np.column_stack([limited[:, self.planned], commanded]),
+            a,
+            np.pad(system.B[self.planned], ((0, one), (0, 0))),
+            Quadratic(state, cross, law.cost.force),
+            last=last,
+            rows=np.column_stack([np.pad(limited[:, self.planned], ((0, 0), (0, one))), commanded]),
             share=self.share,
             horizon=HORIZON,
             penalty=limits.penalty,
@@ -62,7 +71,8 @@ class PredictiveLQG(ReachedLQG):
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         memory = self.corrected(memory, observation)
-        planned, applied = memory["estimate"][:, self.planned], memory["applied"][:, 0]
+        estimate, applied = memory["estimate"][:, self.planned], memory["applied"][:, 0]
+        planned = np.pad(estimate, ((0, 0), (0, self.one)), constant_values=1.0)
         force, own = self.program.first(part(memory, "program"), planned, applied)
         return np.clip(force, -1.0, 1.0), {**memory, **joined(program=own)}
 

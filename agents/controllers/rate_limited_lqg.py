@@ -44,7 +44,9 @@ class RateLimitedLQG(ReachedLQG):
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         memory = self.corrected(memory, observation)
         applied, asked = (memory[name][:, 0] for name in ("applied", "asked"))
-        force = (1.0 - self.of_force) * applied - memory["estimate"] @ self.of_state
+        law = self.design.regulator
+        force = (1.0 - self.of_force) * applied + self.of_force * law.held
+        force = force - (memory["estimate"] - law.rest) @ self.of_state
         return self.command(force, asked), memory
 
 

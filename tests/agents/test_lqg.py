@@ -5,13 +5,18 @@ import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH
 
 from agents.control.feedback import Feedback, TrueState
+from agents.control.kalman_filter import UNMODELLED
+from agents.control.kalman_state import KalmanState
 from agents.controllers.lqg import LQG, best_detuned_lqg, design_lqg
 from agents.controllers.lqr import LQR
+from agents.controllers.predictive_lqg import PredictiveLQG
+from agents.controllers.rate_limited_lqg import RateLimitedLQG
 from agents.controllers.registry import laws
 from agents.controllers.tuned import baselines
 from agents.scoring import evaluate, validation_cost
 from agents.training.config import CONFIGS
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, load_scene
+from mm_gym.scene.excitation import Impulse
 
 NOISY = Scene(
     springs={"kind": "small_on_large", "stiffness": 35.0, "stretch": 2.0},
@@ -28,6 +33,14 @@ NOISY = Scene(
     },
     objective={"effort_weight": 100.0, "velocity_weight": 0.1},
     control={"time_step": 0.01, "steps": 700},
+)
+# Impulses of one direction, some 3 N on average.
+PUSHED = NOISY.replace(
+    excitation=[*NOISY.excitation, Impulse(size=(0.0, 0.06), rate=100.0)],
+)
+REACTING = PUSHED.replace(
+    **{"objective.carriage_acceleration_weight": 0.1},
+    **{"objective.carriage_acceleration_scale": 10.0},
 )
 LANES, SETTLED = 300, 200
 
@@ -51,13 +64,16 @@ def test_cost_is_the_riccati_equations_in_the_interval_of_fifty_thousand_episode
     assert half <= 2e-3 * law.design.cost
 
 
-def test_cost_and_error_are_those_of_the_riccati_equations():
-    law = LQG(NOISY, unmodelled=1e-6)
-    env = MovingMassVectorEnv(NOISY, LANES, autoreset_mode="Disabled")
+@pytest.mark.parametrize(
+    "scene", [NOISY, PUSHED, REACTING], ids=["noisy", "pushed", "accelerations"]
+)
+def test_cost_and_error_are_those_of_the_riccati_equations(scene):
+    law = LQG(scene, unmodelled=1e-6)
+    env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
     observation, info = env.reset(seed=0)
     memory = law.begin(env)
     costs, errors = [], []
-    for step in range(NOISY.control.steps):
+    for step in range(scene.control.steps):
         late = memory["estimate"]  # before this step's observation
         state = info["state"]
         action, memory = law.act(memory, observation, info)
@@ -79,6 +95,38 @@ def test_cost_and_error_are_those_of_the_riccati_equations():
     uncertain = each.std(axis=0, ddof=1) / np.sqrt(LANES)
     assert np.all(np.abs(each.mean(axis=0) - expected) <= 5.0 * uncertain)
     assert np.all(uncertain <= 0.03 * expected)
+
+
+def test_regulators_and_plans_know_what_pushes_all_the_time():
+    pytest.importorskip("osqp")
+    scene = REACTING.replace(**{"control.steps": 60})
+    costs = [
+        evaluate(scene, law(scene), episodes=3).cost
+        for law in (
+            LQG,
+            lambda scene: PredictiveLQG(scene, 1.0, UNMODELLED),
+            lambda scene: RateLimitedLQG(
+                scene.replace(**{"actuation.force.rate_limit": 1e9}), 1.0, 1e-12, UNMODELLED
+            ),
+        )
+    ]
+    assert costs[1:] == pytest.approx([costs[0]] * 2, rel=1e-4)
+
+
+def test_what_pushes_all_the_time_does_not_bias_an_estimate():
+    source, lanes = KalmanState(PUSHED), 100
+    env = MovingMassVectorEnv(PUSHED, lanes, autoreset_mode="Disabled")
+    observation, info = env.reset(seed=0)
+    memory, errors = source.begin(lanes), []
+    action = np.zeros(env.action_space.shape)
+    for _ in range(SETTLED):
+        state, _, memory = source.read(memory, observation, info)
+        errors.append(state - info["state"])
+        memory = source.note(memory, action)
+        observation, *_, info = env.step(action)
+    last = np.mean(errors[-SETTLED // 2 :], axis=0)
+    spread = last.std(axis=0, ddof=1) / np.sqrt(lanes)
+    assert np.all(np.abs(last.mean(axis=0)) <= 5.0 * spread)
 
 
 def test_without_noise_and_late_it_costs_what_the_regulator_of_the_true_state_does():
