@@ -33,7 +33,7 @@ from agents.sweeps.results import (
 from agents.sweeps.trials import SweepSettings, result_file
 from agents.training.config import RunSettings
 from agents.training.runs import Run
-from mm_gym.files import write_text
+from mm_gym.files import check_outputs, write_text
 
 
 class ResultsSettings(SweepSettings):
@@ -44,9 +44,9 @@ class ResultsSettings(SweepSettings):
     train: bool = True
     """train what is not trained yet"""
     out: str = "docs/results.md"
-    """the page; next to it are the data under its name (.json), its figures in a folder of its
-    name, the folder ``policies`` with the policy of the median seed of every row, and the page
-    ``published.md``"""
+    """the page, a name that ends in .md; next to it are the data under its name (.json), its
+    figures in a folder of its name, the folder ``policies`` with the policy of the median seed of
+    every row, and the page ``published.md``"""
 
 
 @command
@@ -55,7 +55,11 @@ def main(settings: ResultsSettings) -> str | None:
     if len(settings.variants) > 1:
         got = ", ".join(settings.variants)
         return f"error: variants: got {got}; allowed: one; a row is a task, an algorithm and a seed"
-    data, trials = Path(settings.out).with_suffix(".json"), settings.trials()
+    out = Path(settings.out)
+    if out.suffix != ".md":  # its data and figures have the same name with other endings
+        return f"error: --out: got {settings.out!r}; allowed: a name that ends in .md"
+    data, trials = out.with_suffix(".json"), settings.trials()
+    check_outputs([out, data, _published(out)])
     known, problem = read_results(data) if os.path.lexists(data) else NOTHING, None
     if settings.train:
         problem = sweep(settings, known=known_names(known, trials))
@@ -75,10 +79,15 @@ def write(settings: ResultsSettings, trials: Sequence[RunSettings], known: Resul
         return f"error: {folder}: no finished training here, and none in {data}"
     known = with_observed(with_references(merged(known, rows)), done, folder)
     save(known, data)
-    policies, told = out.with_name(published.FOLDER.name), out.with_name(published.PAGE.name)
+    policies, told = out.with_name(published.FOLDER.name), _published(out)
     found = published.publish(cells_of(known.trainings), done, folder, policies)
     write_text(told, published.page(found))
     write_text(out, page(known, figures.name))
     draw_results(known, figures, policies)
     print(f"written: {out}, {data}, {figures}/, {told}, {policies}/")
     return None
+
+
+def _published(out: Path) -> Path:
+    """Return the path of the page of published policies."""
+    return out.with_name(published.PAGE.name)

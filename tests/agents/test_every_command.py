@@ -132,6 +132,15 @@ BAD = [
     (["record", "Hybrit"], "got 'Hybrit'; did you mean 'Hybrid'"),
     (["record", "mine.toml"], "mine.toml: no such file"),
     (["results", "bad.toml"], "bad.toml: stepz: unknown key"),
+    *(
+        (["results", "--no-train", "--out", name], message)
+        for name, message in (
+            ("page.json", "--out: got 'page.json'; allowed: a name that ends in .md"),
+            ("page", "--out: got 'page'; allowed: a name that ends in .md"),
+            ("published.md", "published.md: cannot be written: it is named for two outputs"),
+            ("p.safetensors/page.md", "p.safetensors/page.md: cannot be written: Not a directory"),
+        )
+    ),
     (["sweep", "--tasks", "Hybrit"], "did you mean 'Hybrid'"),
     (["sweep", "--settings", '{"stepz": 3}'], "stepz: unknown key; did you mean 'steps'?"),
 ]
