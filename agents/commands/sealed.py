@@ -66,6 +66,7 @@ def _check_labels(agents: Mapping[str, Iterable[str]]) -> None:
 def main(arguments: Arguments) -> None:
     """Score from the command line."""
     release = version("mm-gym")
+    read_sealed(FILE)  # what is wrong with it is told before the scores
     agents = {text: agents_of((text,)) for text in arguments.runs}
     _check_labels(agents)
     named = arguments.tasks or [task for found in agents.values() for task in found] or ids()

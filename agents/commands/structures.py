@@ -6,6 +6,7 @@ left as it is, but for searches that are asked for: ``--searches gradient``.
 """
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,10 +18,10 @@ from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.scoring import evaluate
-from agents.training.config import CONFIGS, TrainSettings
+from agents.training.config import CONFIGS, Positive, TrainSettings
 from agents.training.parts import agent_of, best_controller, recorded_parts
 from agents.training.reinforcement import train
-from agents.training.runs import Run
+from agents.training.runs import MOST_BYTES, Run, read_checked
 from mm_gym import DesignError, load_scene
 from mm_gym.errors import check_name
 from mm_gym.files import write_text
@@ -42,7 +43,7 @@ SEARCHES: dict[str, tuple[Any, Callable[..., None]]] = {
 class Arguments(Document):
     """What is searched, and for how long."""
 
-    seconds: float = 300.0
+    seconds: Positive = 300.0
     """length of each search [s]"""
     structures: tuple[str, ...] = ()
     """names of files in configs/structures; by default all"""
@@ -56,7 +57,7 @@ def main(arguments: Arguments) -> None:
     files = {file.stem: file for file in sorted((CONFIGS / "structures").glob("*.toml"))}
     for name in arguments.structures:
         check_name("structures", name, files)
-    rows = json.loads(SCORES.read_text("utf-8")) if SCORES.exists() else {}
+    rows = _read()
     for file in files.values():
         if arguments.structures and file.stem not in arguments.structures:
             continue
@@ -69,12 +70,19 @@ def main(arguments: Arguments) -> None:
         for what in SEARCHES:
             made = what in searches
             row[what] = _searched(file, what, arguments.seconds) if made else known[what]
-        rows[file.stem] = row
-        print(file.stem, rows[file.stem])
+        print(file.stem, row)
+        rows = _read() | {file.stem: row}  # others may have written to it
         write_text(SCORES, json.dumps(dict(sorted(rows.items())), indent=2) + "\n")
     text = PAGE.read_text("utf-8")
     before, _, rest = text.partition(BEGIN)
     write_text(PAGE, f"{before}{BEGIN}\n\n{table(rows)}\n\n{END}{rest.partition(END)[2]}")
+
+
+def _read() -> dict[str, dict[str, Any]]:
+    """Return the rows that are known, by structure; raise `SceneError` if they are damaged."""
+    if not os.path.lexists(SCORES):
+        return {}
+    return read_checked(dict[str, dict[str, Any]], SCORES, "a file of scores", MOST_BYTES)
 
 
 def _controllers(file: Path) -> dict[str, Any]:

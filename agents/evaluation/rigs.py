@@ -1,6 +1,6 @@
 """Controllers on rigs that differ, on late and noisy sensors, and on the true state."""
 
-import json
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from agents.control.controller import Controller
 from agents.control.feedback import Feedback, TrueState
@@ -18,12 +19,13 @@ from agents.controllers.predictive_control import predictive_control
 from agents.controllers.registry import entries
 from agents.controllers.tuned import best_law, classical_laws, further_laws
 from agents.controllers.with_observer import WithObserver
-from agents.evaluation.headroom import SCORES, Row, controllers_of, interval
+from agents.evaluation.headroom import MOST_BYTES, SCORES, Cost, Row, controllers_of, interval
 from agents.evaluation.plans import Effort, Planner
 from agents.scoring import VALIDATION_SEED, evaluate, tail_mean, written
+from agents.training.runs import checked
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
 from mm_gym.arrays import Array
-from mm_gym.files import read_text
+from mm_gym.files import read_json
 from mm_gym.tasks import robust_ids, short_name
 
 FILE = SCORES.with_name("robustness_scores.json")
@@ -43,9 +45,34 @@ OF_RIGS = "predictive", "planner"
 PLANNED = Effort(random=3, rounds=2, searches=0)  # a full search takes an hour
 
 
+class OnRigs(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
+    """A row of `VariantScores`, with the cost for each delay of the task's sensors."""
+
+    role: str
+    controller: str
+    rigs: Cost
+    low: Cost
+    high: Cost
+    worst: Cost
+
+
+class VariantScores(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
+    """What is known of a variant."""
+
+    scene_digest: str
+    rows: list[OnRigs]
+
+
 def read_robustness() -> dict[str, Any]:
-    """Return the scores of all variants that were scored; none without the file."""
-    return json.loads(read_text(FILE)) if FILE.exists() else {}
+    """Return the scores of all variants that were scored, as data of `VariantScores`.
+
+    There are none without the file. Raise `SceneError` if it cannot be read, or is damaged.
+    """
+    if not os.path.lexists(FILE):
+        return {}
+    scores: Any = read_json(FILE, most=MOST_BYTES)
+    checked(dict[str, VariantScores], scores, FILE, "a file of scores on rigs")
+    return scores
 
 
 def task_of(variant: str) -> str:

@@ -11,17 +11,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel, JsonValue
 
 from agents.control.controller import Controller
 from agents.controllers.constant import best_constant
 from agents.evaluation.aggregates import shared_episodes
-from agents.evaluation.headroom import CLASSICAL, SCORES, Row, controllers_of, interval
+from agents.evaluation.headroom import (
+    CLASSICAL,
+    MOST_BYTES,
+    SCORES,
+    Cost,
+    Row,
+    controllers_of,
+    interval,
+)
 from agents.network.files import content_of, read_content
 from agents.scoring import VALIDATION_SEED, evaluate, written
+from agents.training.runs import checked
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.arrays import Array
 from mm_gym.errors import refuse
-from mm_gym.files import read_bytes, read_text, write_bytes
+from mm_gym.files import read_bytes, read_json, write_bytes
 
 EPISODES = 1_000  # of a task and a release
 
@@ -79,9 +89,43 @@ class Scored:
         return {"agent": self.name, "over": other.name} | written(finite)
 
 
+class SealedRow(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
+    """A row of `SealedTask`."""
+
+    controller: str
+    role: str
+    seeds: int
+    cost: Cost
+    low: Cost
+    high: Cost
+    worst: Cost
+
+
+class SealedTask(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
+    """What is known of a task."""
+
+    scene_digest: str
+    rows: list[SealedRow]
+    compared: list[dict[str, JsonValue]]
+
+
+class SealedScores(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
+    """What ``docs/sealed_scores.json`` holds."""
+
+    release: str
+    tasks: dict[str, SealedTask]
+
+
 def read_sealed(file: Path = FILE) -> dict[str, Any]:
-    """Return the release that was scored, and its tasks; none without the file."""
-    return json.loads(read_text(file)) if file.exists() else {"release": "", "tasks": {}}
+    """Return the release that was scored, and its tasks, as data of `SealedScores`.
+
+    There are none without the file. Raise `SceneError` if it cannot be read, or is damaged.
+    """
+    if not os.path.lexists(file):
+        return {"release": "", "tasks": {}}
+    scores: Any = read_json(file, most=MOST_BYTES)
+    checked(SealedScores, scores, file, "a file of sealed scores")
+    return scores
 
 
 def mark_again(rows: Sequence[Row], known: Sequence[Row]) -> None:
@@ -127,6 +171,8 @@ class Seal:
             evaluate(self.scene, one, seed=self.seed, episodes=self.episodes).penalties
             for one in controllers
         ]
+        if os.path.lexists(self.file):  # others may have written to it
+            self.scored |= self._read()
         self.scored[name] = Scored(name, role, np.array(found))
         roles = {one.name: one.role for one in self.scored.values()}
         arrays = {one.name: one.penalties for one in self.scored.values()}

@@ -1,6 +1,7 @@
 """Controllers over a distribution of rigs, and the page of them."""
 
 import json
+import re
 from contextlib import nullcontext
 
 import numpy as np
@@ -26,12 +27,30 @@ from agents.report.score_pages import robustness_page as page
 from agents.scoring import validation_cost
 from agents.sweeps.results import Results, read_results
 from agents.training.starts import start_of
-from mm_gym import DesignError, MovingMassVectorEnv, load_scene
+from mm_gym import DesignError, MovingMassVectorEnv, SceneError, load_scene
 from mm_gym.tasks import robust_ids, short_name
 
 VARIANT = "mm_gym/CarriageForceRobust-v0"
 
 SCORES = read_robustness()
+
+
+def test_scores_of_many_agents_can_be_read_again(tmp_path, monkeypatch):
+    row = SCORES[VARIANT]["rows"][0]
+    many = SCORES | {VARIANT: SCORES[VARIANT] | {"rows": [row] * 1000}}
+    (tmp_path / "scores.json").write_text(json.dumps(many))
+    monkeypatch.setattr(rigs, "FILE", tmp_path / "scores.json")
+    assert read_robustness() == many
+
+
+@pytest.mark.parametrize(
+    "text", ["<<<<<<< HEAD", "{", "[]", '{"a": {}}', '{"a": {"scene_digest": "0", "rows": [{}]}}']
+)
+def test_damaged_scores_are_named(text, tmp_path, monkeypatch):
+    (tmp_path / "scores.json").write_text(text)
+    monkeypatch.setattr(rigs, "FILE", tmp_path / "scores.json")
+    with pytest.raises(SceneError, match=re.escape(f"{tmp_path / 'scores.json'}: not ")):
+        read_robustness()
 
 
 def test_a_controller_is_told_the_middle_of_what_is_drawn():

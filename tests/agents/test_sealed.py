@@ -127,6 +127,22 @@ def test_broken_run_goes_on_behind_the_last_controller(pages, monkeypatch):
     assert list(kept.scored) == ["zero action"]
 
 
+def test_scores_of_two_commands_at_once_are_both_kept(tmp_path):
+    first, second = seal_in(tmp_path), seal_in(tmp_path)
+    first.score("zero action", "zero", [ConstantAction(SCENE)])
+    second.score("law", "law", [ConstantAction(SCENE, 0.1)])
+    assert set(seal_in(tmp_path).scored) == {"zero action", "law"}
+
+
+@pytest.mark.parametrize(
+    "text", ["<<<<<<< HEAD", "{}", "[]", '{"release": "0.1.0", "tasks": {"a": {"rows": []}}}']
+)
+def test_damaged_scores_are_named_before_anything_is_scored(pages, monkeypatch, text):
+    (pages / "sealed.json").write_text(text)
+    monkeypatch.setattr(sealed, "evaluate", lambda *_, **__: pytest.fail("scored"))
+    assert str(command.main()).startswith(f"error: {pages / 'sealed.json'}: not ")
+
+
 def test_patterns_of_one_label_and_task_are_refused_before_anything_is_scored(pages, monkeypatch):
     tasks = {"a/ppo-*": "mm_gym/CarriageForce-v0", "b/ppo-*": "mm_gym/Hybrid-v0"}
     tasks["c/ppo"] = tasks["a/ppo-*"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from agents.commands import structures as command
 from agents.control.scene import periods
 from agents.controllers.constant import uncontrolled
 from agents.controllers.learned import Learned
@@ -62,6 +64,28 @@ def test_twelve_structures_cover_four_decades_of_frequency_and_nine_of_mass():
     steps = 1.0 / (frequencies * [scene.control.time_step for scene in scenes])
     assert steps.min() == pytest.approx(5.0, rel=0.01)
     assert steps.max() == pytest.approx(200.0, rel=0.01)
+
+
+def test_rows_of_two_commands_at_once_are_both_kept(tmp_path, monkeypatch):
+    file, page = tmp_path / "scores.json", tmp_path / "page.md"
+    costs = {"cost": 1.0, "seconds": 1.0}
+    row = {"best controller": "lqr", "no control": 1.0, "best": 1.0}
+    row |= dict.fromkeys(command.SEARCHES, costs)
+
+    def searched(*_: object) -> dict[str, float]:
+        file.write_text(json.dumps({"tower": row}))  # as the other command does meanwhile
+        return costs
+
+    page.write_text(f"{command.BEGIN}{command.END}")
+    for name, value in (("SCORES", file), ("PAGE", page), ("_searched", searched)):
+        monkeypatch.setattr(command, name, value)
+    monkeypatch.setattr(command, "_controllers", lambda _: dict(row))
+    monkeypatch.setattr("sys.argv", ["structures", "--structures", "frame"])
+    assert command.main() is None
+    assert set(json.loads(file.read_text())) == {"frame", "tower"}
+    assert "| tower |" in page.read_text()
+    file.write_text("<<<<<<< HEAD")
+    assert str(command.main()).startswith(f"error: {file}: not valid JSON")
 
 
 @pytest.mark.parametrize("name", NAMES)
