@@ -6,9 +6,9 @@ import os
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias, get_args
+from typing import Annotated, Literal, Self, TypeAlias, get_args
 
-from pydantic import BaseModel, Field, JsonValue, Strict
+from pydantic import BaseModel, Field, JsonValue, Strict, model_validator
 from tyro.constructors import PrimitiveConstructorSpec
 
 from agents.evolution.search import EvolveSettings, evolve
@@ -21,6 +21,7 @@ from agents.training.config import (
     Count,
     RunSettings,
     TrainSettings,
+    check_folder_name,
     good_settings,
     short_name,
 )
@@ -120,6 +121,22 @@ class SweepSettings(Document):
     """trainings at once; by default one for each processor"""
     ray: Address = None
     """train on a Ray cluster: its address, or none to start one on this machine"""
+
+    @model_validator(mode="after")
+    def _has_own_folders(self) -> Self:
+        check_folder_name(self.name)
+        for what, given in (
+            ("tasks", [*map(short_name, self.tasks)]),
+            ("algorithms", self.algorithms),
+        ):
+            for one in given:
+                if given.count(one) > 1:
+                    refuse(what, f"{one!r} twice", "each once", ValueError)
+        if not self.variants:
+            refuse(
+                "variants", "none", "one or more tables of settings, each by its name", ValueError
+            )
+        return self
 
     def trials(self) -> list[RunSettings]:
         """Return the settings of each training, its name the folder in that of the sweep.

@@ -151,6 +151,14 @@ Settings = TypeVar("Settings", bound="Document")
 OfRun = TypeVar("OfRun", bound="RunSettings")
 
 
+def check_folder_name(name: str) -> None:
+    """Raise `ValueError` for a name that a folder under `runs` cannot have everywhere."""
+    plain = name == name.strip() and name.isprintable() and not name.startswith(".")
+    if not (plain and not set(name) & {"/", "\\"} and 0 < len(name.encode()) <= LONGEST_NAME):
+        allowed = "a printable file name without separators, which begins with no dot"
+        refuse("name", f"{name!r}", allowed, ValueError)
+
+
 class RunSettings(Document):
     """What a policy is for, and where it is written."""
 
@@ -209,11 +217,7 @@ class RunSettings(Document):
 
     @model_validator(mode="after")
     def _can_be_found(self) -> Self:
-        name = self.name  # of a folder, on any system and in any terminal
-        plain = name == name.strip() and name.isprintable() and not name.startswith(".")
-        if not (plain and not set(name) & {"/", "\\"} and 0 < len(name.encode()) <= LONGEST_NAME):
-            allowed = "a printable file name without separators, which begins with no dot"
-            refuse("name", f"{name!r}", allowed, ValueError)
+        check_folder_name(self.name)
         if self.reward is not None:
             split(self.reward, "reward")
         return self

@@ -247,6 +247,16 @@ def test_residual_is_ppo_around_a_law_and_each_table_goes_over_the_one_before():
             },
             "that of PreStretch-ppo-plain-0 is not that of PreStretch-evolution-plain-0",
         ),
+        (
+            {"tasks": ("Hybrid", "mm_gym/Hybrid-v0")},
+            "tasks: got 'Hybrid' twice; allowed: each once",
+        ),
+        ({"algorithms": ("ppo", "sac", "ppo")}, "algorithms: got 'ppo' twice; allowed: each once"),
+        ({"variants": {}}, "variants: got none; allowed: one or more tables of settings"),
+        *(
+            ({"name": name}, f"name: got {name!r}; allowed: a printable file name")
+            for name in ("", "../up", "a/b", ".hidden")
+        ),
         ({"algorithm_settings": {"pqo": {}}}, "algorithm_settings: got 'pqo'; did you mean 'ppo'"),
         ({"algorithm_settings": {"ppo": 3}}, "algorithm_settings.ppo: got 3; allowed: a table"),
     ],
