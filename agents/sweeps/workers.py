@@ -12,8 +12,9 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
-from multiprocessing.context import BaseContext
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TypeAlias
 
@@ -32,10 +33,14 @@ MOST_KILLS = 20
 """Kills of one training after which it is given up, so that none keeps a sweep busy forever."""
 
 GIVEN_UP = f"its process was killed {MOST_KILLS} times"
+INTERRUPTED = "interrupted"
 
 
 def work_here(trials: Trials, processes: int | None, report: Report) -> None:
     """Do all trainings on this machine, each in a process of its own.
+
+    Ctrl-C, and whatever else ends this early, interrupts those that run: they write their
+    checkpoints first. A second Ctrl-C kills them.
 
     Parameters
     ----------
@@ -46,54 +51,99 @@ def work_here(trials: Trials, processes: int | None, report: Report) -> None:
     report
         Called with the number of a training that is over, and what went wrong or None.
     """
+    if not trials:
+        return
     before = dict(os.environ)
     os.environ |= ONE_THREAD  # of the processes, which inherit it
-    # Windows knows no fork.
-    way = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
-    context = multiprocessing.get_context(way)
-    context.set_forkserver_preload(["agents.training.reinforcement"])
+    workers = _Workers()
     threads = ThreadPoolExecutor(processes or os.cpu_count() or 1)  # each waits for a process
     try:
-        jobs = {threads.submit(_watched, context, *trial): k for k, trial in enumerate(trials)}
+        jobs = {threads.submit(workers.do, *trial): k for k, trial in enumerate(trials)}
         for job in as_completed(jobs):
             report(jobs[job], job.result())
     finally:
-        # After Ctrl-C, those that run write their checkpoints.
-        threads.shutdown(cancel_futures=True)
-        for name in ONE_THREAD:
-            os.environ.pop(name)
-        os.environ |= before
+        workers.interrupt()
+        try:
+            threads.shutdown(cancel_futures=True)
+        finally:
+            workers.kill()
+            for name in ONE_THREAD:
+                os.environ.pop(name)
+            os.environ |= before
 
 
-def _watched(context: BaseContext, text: str, folder: str) -> str | None:
-    """Do a training in a process of its own, again if it is killed; return what went wrong."""
-    for _ in range(MOST_KILLS):
-        answer, call = context.Pipe(duplex=False)
-        process = context.Process(target=_work, args=(text, folder, call))
-        process.start()
-        call.close()  # so that an answer ends with the process
-        with suppress(EOFError, OSError):  # killed before its answer, or within it
-            return answer.recv()
-    return GIVEN_UP
+class _Workers:
+    """The processes of trainings: they work until this one interrupts them, or is gone."""
+
+    def __init__(self) -> None:
+        # Windows knows no fork.
+        forks = "forkserver" in multiprocessing.get_all_start_methods()
+        self._context = multiprocessing.get_context("forkserver" if forks else "spawn")
+        if forks:
+            self._context.set_forkserver_preload(["agents.training.reinforcement"])
+            _begin_server()
+        # Processes wait for the end of the line, which also comes when nobody holds it any more.
+        self._line, self._held = self._context.Pipe(duplex=False)
+        self._running: set[BaseProcess] = set()
+        self._over = False
+
+    def do(self, text: str, folder: str) -> str | None:
+        """Do a training in a process, again if it is killed; return what went wrong."""
+        for _ in range(MOST_KILLS):
+            if self._over:
+                return INTERRUPTED
+            answer, call = self._context.Pipe(duplex=False)
+            process = self._context.Process(target=_work, args=(text, folder, call, self._line))
+            process.start()
+            call.close()  # so that an answer ends with the process
+            self._running.add(process)
+            try:
+                return answer.recv()
+            except (EOFError, OSError):  # killed before its answer, or within it
+                continue
+            finally:
+                self._running.discard(process)
+        return GIVEN_UP
+
+    def interrupt(self) -> None:
+        """Let all processes write their checkpoints and end, and begin no others."""
+        self._over = True
+        self._held.close()
+
+    def kill(self) -> None:
+        """Kill all processes that still run."""
+        for process in tuple(self._running):
+            process.kill()
 
 
-def _work(text: str, folder: str, call: Connection) -> None:
+def _begin_server() -> None:
+    """Begin the process from which the others fork, which Ctrl-C in a terminal reaches too."""
+    resource_tracker.ensure_running()  # it would let signals through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # a new process inherits it
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _work(text: str, folder: str, call: Connection, line: Connection) -> None:
     """Do a training in this process, and say what went wrong or None."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    threading.Thread(target=_end_with_sweep, daemon=True).start()
     with suppress(BrokenPipeError):  # nobody is there to be told
         try:
+            if hasattr(signal, "pthread_sigmask"):  # the sweep tells of Ctrl-C, once
+                signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            threading.Thread(target=_end_with_sweep, args=(line,), daemon=True).start()
             call.send(_done(text, folder))
         except KeyboardInterrupt:
-            call.send("interrupted")
+            call.send(INTERRUPTED)
 
 
-def _end_with_sweep() -> None:
-    """Interrupt this process, so that it writes a checkpoint, once that of the sweep is gone."""
-    sweep = multiprocessing.parent_process()
-    if sweep is not None:
-        sweep.join()
-        _thread.interrupt_main()
+def _end_with_sweep(line: Connection) -> None:
+    """Interrupt this process, so that it writes a checkpoint, once the sweep is over or gone."""
+    with suppress(EOFError, OSError):
+        line.recv()
+    _thread.interrupt_main()
 
 
 def _done(text: str, folder: str) -> str | None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager, suppress
 
 import pytest
 
@@ -415,30 +416,73 @@ def test_a_training_that_cannot_be_read_keeps_no_other_from_the_results(tmp_path
     assert rows[1:] == [f"{start},0,8.0,0.5,0.25", f"{start},2,8.0,0.5,0.25"]
 
 
-def test_trainings_end_with_a_sweep_that_is_killed(tmp_path):
-    words = ["--name", "killed", "--tasks", "CarriageForce", "--settings"]
-    endless = json.dumps(SMALL | {"steps": 10**9})
-    run = Run("CarriageForce-ppo-plain-0", tmp_path / "runs" / "killed")
+def is_training(run):
+    try:
+        with run.locked():
+            return False
+    except RunError:
+        return True
 
-    def trains():
-        try:
-            with run.locked():
-                return False
-        except RunError:
-            return True
 
-    command = [sys.executable, "-m", "agents", "sweep", *words, endless]
-    with subprocess.Popen(command, cwd=tmp_path) as one:
-        while not (run.folder / "checkpoint.npz").exists():
+@contextmanager
+def endless_sweep(folder):
+    """Begin a sweep whose training never ends, as in a terminal, and wait until it trains."""
+    words = ["--name", "long", "--tasks", "CarriageForce", "--settings"]
+    words.append(json.dumps(SMALL | {"steps": 10**9}))
+    run = Run("CarriageForce-ppo-plain-0", folder / "runs" / "long")
+    # A shell that runs the tests in the background has Ctrl-C ignored.
+    code = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from agents.__main__ import main; main()"
+    )
+    command = [sys.executable, "-c", code, "sweep", *words]
+    with (folder / "errors").open("w") as errors:
+        one = subprocess.Popen(command, cwd=folder, stderr=errors, start_new_session=True)
+    try:
+        while not run.checkpoint.exists():
             assert one.poll() is None
             time.sleep(0.1)
-        assert trains()
+        assert is_training(run)
+        yield one, run
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(one.pid, signal.SIGKILL)
+        one.wait()
+
+
+def test_trainings_end_with_a_sweep_that_is_killed(tmp_path):
+    with endless_sweep(tmp_path) as (one, run):
         one.kill()
-    for _ in range(600):
-        if not trains():
-            return
-        time.sleep(0.1)
+        for _ in range(600):
+            if not is_training(run):
+                return
+            time.sleep(0.1)
     pytest.fail("the training goes on without its sweep")
+
+
+@pytest.mark.parametrize("send", [os.kill, os.killpg])  # to the sweep alone, or as a terminal does
+def test_interrupted_sweep_ends_once_its_trainings_have_written_checkpoints(tmp_path, send):
+    with endless_sweep(tmp_path) as (one, run):
+        before = run.checkpoint.stat().st_mtime_ns
+        send(one.pid, signal.SIGINT)
+        assert one.wait(timeout=60) == 130
+        assert not is_training(run)
+        assert run.checkpoint.stat().st_mtime_ns > before
+    told = (tmp_path / "errors").read_text()
+    assert told.endswith("interrupted: runs/long: give the same command again to continue\n")
+    assert "Traceback" not in told
+
+
+def test_second_ctrl_c_ends_a_sweep_whose_training_does_not_end(tmp_path):
+    with endless_sweep(tmp_path) as (one, run):
+        training = int((run.folder / ".lock").read_text().split()[1])
+        os.kill(training, signal.SIGSTOP)  # so that it writes no checkpoint
+        one.send_signal(signal.SIGINT)
+        with pytest.raises(subprocess.TimeoutExpired):
+            one.wait(timeout=3)
+        one.send_signal(signal.SIGINT)
+        assert one.wait(timeout=60) == 130
+        assert not is_training(run)
 
 
 def test_tasks_and_variants_may_have_scenes_of_their_own():
