@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import TypeVar
 
+from agents.report.pages import decimals
 from agents.scoring import evaluate
 from agents.training.config import TimedSettings
 from agents.training.own_scene import print_misfits
@@ -24,5 +25,5 @@ def search_and_score(settings: Settings, search: Callable[[Settings, Run], None]
         parts = make_parts(settings, run)
         cost = evaluate(parts.scene, agent_of(run, parts), episodes=EPISODES).cost
     compare = f"compare it with classical controllers: {run.scoring}"
-    told = f"{cost:.4f} is its cost on {EPISODES} held-out episodes"
+    told = f"{cost:.{decimals([cost], 4)}f} is its cost on {EPISODES} held-out episodes"
     print(told, compare, *notes_of(run), sep="\n")

@@ -146,7 +146,7 @@ def _write_best(study: Study, settings: TuneSettings, folder: Path) -> Path:
         own = suggested(optuna.trial.FixedTrial(best.params), settings, "best")  # pyright: ignore[reportArgumentType]
         over = study.get_trials(deepcopy=False, states=OVER)
         comment = (
-            f"Validation cost {study.best_value:.4f}, the best of {len(over)} trials:\n"
+            f"Validation cost {study.best_value:.4g}, the best of {len(over)} trials:\n"
             f"python -m agents tune {shlex.join(sys.argv[1:])}"
         )
         write_text(path, as_toml(own, comment, settings.name))

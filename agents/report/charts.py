@@ -11,6 +11,7 @@ import numpy as np
 
 from agents.evaluation.changed_scenes import DELAY, NOISE, NOMINAL, RECORD, Outcome
 from agents.evaluation.closed_loop import ClosedLoop
+from agents.report.pages import decimals
 from agents.scoring import Evaluation
 from mm_gym import Scene
 from mm_gym.arrays import Array
@@ -150,12 +151,13 @@ def draw_costs(results: Sequence[Evaluation], scene: Scene, path: Path) -> None:
     position, label = _abscissa(results[0], scene)
     bins = np.array_split(np.argsort(position), max(position.size // IN_A_BIN, 1))
     centres = [position[members].mean() for members in bins]
+    digits = decimals(one.cost for one in results)
     with style():
         figure, (axes,) = panels(4.4, 1, 1)
         for i, result in enumerate(results):
             own = LEARNED | {"linewidth": 1.8} if result is results[-1] else look(i)
             values = [np.sqrt(result.penalties[members].mean()) for members in bins]
-            axes.plot(centres, values, **own, label=f"{result.cost:.3f}  {result.name}")
+            axes.plot(centres, values, **own, label=f"{result.cost:.{digits}f}  {result.name}")
         dots = {"markersize": 4.0, "alpha": 0.4, "markeredgewidth": 0.0}
         axes.plot(position, results[-1].episode_costs, ".", color=COLOURS[-1], **dots)
         if any(result.penalties.any() for result in results):

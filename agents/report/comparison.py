@@ -12,7 +12,14 @@ from rich.console import Console
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.conclusions import THRESHOLDS, Comparison, Overall, Row
 from agents.report.charts import LINE, draw, frequency, robustness
-from agents.report.pages import not_scored_cells, percent, print_table, render, write_rows
+from agents.report.pages import (
+    decimals,
+    not_scored_cells,
+    percent,
+    print_table,
+    render,
+    write_rows,
+)
 from mm_gym import SceneError
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.files import read_text, write_text
@@ -45,7 +52,8 @@ def print_comparison(comparison: Comparison) -> None:
     for result in comparison.results:
         table = comparison.tables[result.task]
         header = ("controller", *COST, *(SCORE if _have_scores(table) else ()))
-        rows = [_printed_cells(row) for row in table]
+        digits = decimals(row.cost.value for row in table)
+        rows = [_printed_cells(row, digits) for row in table]
         without = [(cell,) for cell in not_scored_cells(result.not_scored)]
         print_table(result.task, header, [*rows, *without])
     if comparison.overall:
@@ -64,11 +72,11 @@ def _have_scores(rows: Sequence[Row]) -> bool:
     return any(row.score is not None for row in rows)
 
 
-def _printed_cells(row: Row) -> tuple[str, ...]:
+def _printed_cells(row: Row, digits: int) -> tuple[str, ...]:
     label = row.controller + (f", {row.trainings} seeds" if row.trainings > 1 else "")
     label += "" if row.reads == "observation" else f" ({row.reads})"
     score = () if row.score is None else _two(row.score, 2)
-    return (label, *_two(row.cost, 3), *score)
+    return (label, *_two(row.cost, digits), *score)
 
 
 def paired_cells(row: Row) -> tuple[str, str, str]:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from math import isnan, nan
+from math import floor, inf, isnan, log10, nan
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -32,6 +32,16 @@ def percent(value: float) -> str:
 def printed(cost: float) -> str:
     """Return a cost as pages have it."""
     return f"{cost:.4f}"
+
+
+def decimals(costs: Iterable[float], least: int = 3) -> int:
+    """Return how many digits behind the point tell costs apart.
+
+    They are so many at least; of scenes on which the smallest cost but 0 would hardly be seen with
+    them, those that show three digits of it.
+    """
+    smallest = min((cost for cost in costs if 0.0 < cost < inf), default=1.0)
+    return least if smallest >= 10.0 ** (1 - least) else 2 - floor(log10(smallest))
 
 
 def cost_range(least: float, most: float) -> str:
@@ -137,13 +147,15 @@ def print_ranking(
 ) -> None:
     """Print the controllers by their cost, the least first, and why others have none."""
     count, reference = results[0].returns.size, results[0]
+    digits = decimals(one.cost for one in results)
+    small = decimals(one.rms for one in results)
     rows = [
         (
             result.name,
             result.reads,
-            f"{result.cost:.3f}",
+            f"{result.cost:.{digits}f}",
             f"{result.cost / reference.cost:.2f}" if reference.cost else "-",
-            f"{result.rms:.3f}",
+            f"{result.rms:.{small}f}",
             f"{result.returns.mean():.2f}",
         )
         for result in sorted(results, key=lambda result: result.cost)

@@ -16,7 +16,7 @@ from agents.evaluation.measurement import Studies, TaskResult
 from agents.evaluation.motions import Motions
 from agents.report.charts import Panel, frequency, robustness
 from agents.report.comparison import episodes_in_words, paired_cells
-from agents.report.pages import FOLDER, not_scored_cells, web_page
+from agents.report.pages import FOLDER, decimals, not_scored_cells, web_page
 from agents.scoring import FREQUENCY, spread_frequency
 from agents.training.runs import Run, by_dotted_name, commit, versions
 from mm_gym import Scene
@@ -102,6 +102,7 @@ def _on_page(compared: Field, comparison: Comparison, result: TaskResult) -> dic
         "name": short_name(result.task),
         "against": result.against,
         # The ends of the bars of the table [-].
+        "digits": decimals((row.cost.value for row in rows), 4),
         "span": (min(row.cost.low for row in rows), max(row.cost.high for row in rows)),
         "rows": rows,
         "not_scored": not_scored_cells(result.not_scored),

@@ -241,7 +241,7 @@ class Search(ABC):
                 log.add(self.rounds * self.frames, told)
             if due := done or self._is_due():
                 self._validate(log)
-                shown.set_postfix(cost=f"{progress.least_cost:.4f}")
+                shown.set_postfix(cost=f"{progress.least_cost:.4g}")
             saves = due or progress.seconds > saved + self.between_saves
             if saves or self.interrupted or self.is_light:
                 self._note()

@@ -12,7 +12,7 @@ from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 from agents.control.feedback import Feedback
 from agents.controllers.constant import ConstantAction, no_control
 from agents.report.charts import draw_costs, draw_response, look
-from agents.report.pages import percent, print_ranking, write_episodes, write_scores
+from agents.report.pages import decimals, percent, print_ranking, write_episodes, write_scores
 from agents.scoring import Evaluation, evaluate
 
 if TYPE_CHECKING:
@@ -65,6 +65,15 @@ def test_ranking_is_by_the_cost_of_the_task(capsys) -> None:
     ]
     assert "ratio: cost / cost of still" in lines
     assert "rms x1: over 10 mm" in lines
+
+
+def test_small_costs_of_an_own_scene_are_told_apart(capsys) -> None:
+    few = [evaluation("still", 5e-4, 2e-3), evaluation("best", 3.984e-4, 1e-3)]
+    print_ranking(few, CARRIAGE_FORCE, {})
+    said = capsys.readouterr().out
+    assert " 0.000398 " in said
+    assert " 0.000500 " in said
+    assert [decimals(costs) for costs in ([0.0, 0.01], [3.0, 9.9e-3], [], [0.0])] == [3, 5, 3, 3]
 
 
 def test_files_state_costs_first_and_ratios_of_costs(tmp_path) -> None:
