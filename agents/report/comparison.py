@@ -26,6 +26,7 @@ from mm_gym.files import read_text, write_text
 
 COST, SCORE = ("cost", "95 % interval"), ("score", "95 % interval")
 PAIRED = ("controller", "change of cost", "95 % interval", "episodes won")
+MOST_BYTES = 2**24  # largest ``comparison.json`` of an earlier comparison
 OVERALL = ("controller", "interquartile mean", "95 % interval")
 
 
@@ -177,7 +178,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> None:
 def _delete_earlier(folder: Path) -> None:
     """Delete the files of an earlier comparison in a folder that the next need not have."""
     try:
-        tasks = json.loads(read_text(folder / "comparison.json"))["tasks"]
+        tasks = json.loads(read_text(folder / "comparison.json", most=MOST_BYTES))["tasks"]
         names = [_file_name(task, list(tasks)) for task in tasks]
     except (OSError, ValueError, LookupError, TypeError):  # none, or none of a comparison
         return

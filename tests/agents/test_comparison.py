@@ -23,6 +23,7 @@ from agents.evaluation.contestants import Contestant, Episodes, Field, law_of, r
 from agents.evaluation.measurement import TaskResult, measure
 from agents.policies import Policy, PolicyError, network
 from agents.report.comparison import (
+    _delete_earlier,
     _file_name,
     as_data,
     draw_aggregates,
@@ -559,3 +560,11 @@ def test_nothing_is_refused(monkeypatch) -> None:
     assert command.main() == (
         "error: got nothing to evaluate; allowed: the folder of a run, or baselines"
     )
+
+
+def test_files_of_an_earlier_large_comparison_do_not_stay(tmp_path) -> None:
+    rows = [{"controller": f"controller {k}", "cost": 0.1} for k in range(2000)]
+    (tmp_path / "comparison.json").write_text(json.dumps({"tasks": {"Hybrid": rows}}))
+    (tmp_path / "robustness.csv").write_text("earlier")
+    _delete_earlier(tmp_path)
+    assert not (tmp_path / "robustness.csv").exists()
