@@ -8,8 +8,10 @@ import sys
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 
 from agents.errors import FAILED, leave
+from agents.training.runs import INTERRUPTED
 from mm_gym.errors import suggest
 
 FOLDER = Path(__file__).with_name("commands")
@@ -34,6 +36,15 @@ def usage() -> str:
     return text.replace("``", "")
 
 
+def _imported(name: str) -> ModuleType:
+    """Return the module of a command, whose imports can take seconds; Ctrl-C ends them."""
+    try:
+        return import_module(f"agents.commands.{name}")
+    except KeyboardInterrupt:
+        print("interrupted: give the same command again", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+
+
 def main() -> None:
     """Run the command that is named, and end as it ends."""
     name, *words = sys.argv[1:] or ["--help"]
@@ -44,7 +55,7 @@ def main() -> None:
         print(f"mm-gym {version('mm-gym')}")
     elif name.replace("_", "-") in known:
         sys.argv = [f"python -m agents {name}", *words]
-        leave(import_module(f"agents.commands.{name.replace('-', '_')}").main())
+        leave(_imported(name.replace("-", "_")).main())
     else:
         near = suggest(name, known)
         print(f"error: command: got {name!r}{near}; allowed: {', '.join(known)}", file=sys.stderr)

@@ -238,6 +238,18 @@ def test_version_is_that_of_the_package(monkeypatch, capsys):
     assert capsys.readouterr().out == f"mm-gym {version('mm-gym')}\n"
 
 
+def test_ctrl_c_while_a_command_is_imported_is_one_line(monkeypatch, capsys):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("agents.__main__.import_module", interrupted)
+    monkeypatch.setattr("sys.argv", ["agents", "sweep"])
+    with pytest.raises(SystemExit) as caught:
+        top()
+    assert caught.value.code == 130
+    assert capsys.readouterr().err == "interrupted: give the same command again\n"
+
+
 def test_unknown_command_is_refused_with_the_nearest(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["agents", "trian"])
     with pytest.raises(SystemExit) as caught:
