@@ -12,6 +12,7 @@ share the trials.
 from __future__ import annotations
 
 import logging
+import os
 import shlex
 import sys
 from pathlib import Path
@@ -22,7 +23,8 @@ from agents.training.config import Count, TrainSettings
 from agents.training.parts import make_parts
 from agents.training.progress import read_ending, told_part
 from agents.training.reinforcement import train
-from agents.training.runs import Run, RunError
+from agents.training.runs import DivergedError, Run, RunError
+from mm_gym import ActionError, SimulationError
 from mm_gym.files import write_text
 
 try:
@@ -90,7 +92,8 @@ def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
     """Try settings until there are enough trials; return the path of the best ones' file.
 
     Raise `SceneError` or `CompileError` if there is nothing to train on, or no such base; no folder
-    is made then. Raise `RunError` if the folder cannot be made, or holds a study of other settings.
+    is made then. Raise `RunError` if the folder cannot be made, or holds a study of other settings,
+    or no trial comes to a cost.
     """
     make_parts(settings)
     folder = root / settings.name
@@ -114,11 +117,20 @@ def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
             callbacks=[lambda *_: _write_best(study, settings, folder), enough],
             show_progress_bar=False,
         )
-    return _write_best(study, settings, folder)
+    path = _write_best(study, settings, folder)
+    if not os.path.lexists(path):
+        msg = (
+            f"{folder}: none of {settings.trials} trials has a cost; try other flags or more trials"
+        )
+        raise RunError(msg)
+    return path
 
 
 def _tried(trial: Trial, settings: TuneSettings, folder: Path) -> float:
-    """Return the least validation cost of a trial's training; it is pruned if it falls behind."""
+    """Return the least validation cost of a trial's training.
+
+    It is pruned if it falls behind or diverges, as it may with a large learning rate.
+    """
     own = suggested(trial, settings, f"trial-{begin(trial)}")
     run, every = Run(own.name, folder), -(-own.steps // own.evaluations)
 
@@ -132,6 +144,8 @@ def _tried(trial: Trial, settings: TuneSettings, folder: Path) -> float:
 
     try:
         train(own, run, bar=False, report=report)
+    except (ActionError, DivergedError, SimulationError) as error:
+        raise optuna.TrialPruned(str(error)) from error
     except (KeyboardInterrupt, OSError):  # Optuna calls the trial failed, and would not repeat it
         repeat_later(trial)
         raise

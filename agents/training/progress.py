@@ -14,7 +14,7 @@ from agents.control.feedback import Feedback, TrueState
 from agents.controllers.constant import no_control
 from agents.scoring import validation_cost
 from agents.training.arrays import Arrays, check_like
-from agents.training.runs import METRICS, TIMES, Run, RunError, read_as
+from agents.training.runs import METRICS, TIMES, DivergedError, Run, read_as
 from mm_gym import Scene
 from mm_gym.arrays import Array
 from mm_gym.errors import refuse
@@ -74,12 +74,12 @@ class Progress:
         self.rows = np.vstack([self.rows, (steps, self.seconds, cost)])
 
     def require_best(self, run: Run) -> None:
-        """Raise `RunError` unless a validation had a finite cost."""
+        """Raise `DivergedError` unless a validation had a finite cost."""
         if not self.best:
             costs = ", ".join(f"{cost:g}" for cost in self.rows[:3, 2])
             got = f"the costs {costs} of {len(self.rows)} validations"
             advice = "choose other settings, and another name with --name"
-            refuse(f"{run.metrics}", got, f"a finite one; {advice}", RunError)
+            refuse(f"{run.metrics}", got, f"a finite one; {advice}", DivergedError)
 
     def write_metrics(self, run: Run) -> None:
         """Write ``metrics.csv``, the same for the same run, and ``times.csv``, each whole."""

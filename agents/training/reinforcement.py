@@ -34,7 +34,7 @@ from agents.training.config import TrainSettings
 from agents.training.lanes import TrainingLanes, make_lanes
 from agents.training.own_scene import for_own_scene
 from agents.training.parts import Parts, make_parts
-from agents.training.runs import Run, RunError
+from agents.training.runs import DivergedError, Run
 from agents.training.search import LOGS, Log, Search
 from mm_gym.errors import refuse
 
@@ -145,7 +145,7 @@ class Reinforcement(Search):
                 f"diverged before {self.unit} {model.num_timesteps}; "
                 f"a smaller {name}.learning_rate may help"
             )
-            raise RunError(msg) from error
+            raise DivergedError(msg) from error
 
     def _is_due(self) -> bool:
         return self._has_passed(-(-self.settings.steps // self.settings.evaluations))

@@ -62,6 +62,10 @@ class RunError(RuntimeError):
     """A run's folder does not hold what is needed, or another process is using it."""
 
 
+class DivergedError(RunError):
+    """A training came to numbers that are not finite, so that it has no agent."""
+
+
 class RecordedSettings(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
     """Settings in a run's record that are read by others than the training that wrote them."""
 

@@ -15,12 +15,14 @@ import numpy as np
 import optuna
 import pytest
 
+from agents.commands import tune as command
 from agents.commands.tune import TuneSettings, shortened, tune
 from agents.training.config import TrainSettings, read_settings
 from agents.training.progress import Ending
-from agents.training.runs import Run, RunError
+from agents.training.reinforcement import train
+from agents.training.runs import DivergedError, Run, RunError
 from agents.training.studies import as_toml, is_dead, suggested
-from mm_gym import SceneError
+from mm_gym import ActionError, SceneError, SimulationError
 
 QUICK = TuneSettings(
     task="mm_gym/CarriageForce-v0", name="quick", lanes=8, steps=800, evaluations=2, trials=2
@@ -146,6 +148,21 @@ def test_trial_behind_the_median_is_pruned(tmp_path, monkeypatch):
     monkeypatch.setattr(optuna.Trial, "should_prune", lambda trial: trial.number == 1)
     path = tune(QUICK, tmp_path)
     assert [trial.state.name for trial in study_of(path.parent).trials] == ["COMPLETE", "PRUNED"]
+
+
+def test_trial_that_diverges_is_pruned_and_the_others_go_on(tmp_path, monkeypatch):
+    def diverges(settings, run, **given):
+        if run.folder.name == "trial-0":
+            raise error
+        train(settings, run, **given)
+
+    monkeypatch.setattr(command, "train", diverges)
+    for error in (DivergedError("diverged"), ActionError("nan"), SimulationError("lost")):
+        root = tmp_path / type(error).__name__
+        states = [trial.state.name for trial in study_of(tune(QUICK, root).parent).trials]
+        assert states == ["PRUNED", "COMPLETE"]
+    with pytest.raises(RunError, match="quick: none of 1 trials has a cost"):
+        tune(QUICK.model_copy(update={"trials": 1}), tmp_path / "none")
 
 
 def test_validations_of_trials_with_other_rollouts_are_compared(tmp_path):
