@@ -69,7 +69,10 @@ def open_study(name: str, folder: Path, seed: int) -> Study:
     )
     for trial in study.get_trials(states=(TrialState.RUNNING,)):
         if is_dead(*trial.user_attrs.get(PROCESS, ("", 0))):
-            study.tell(trial.number, state=TrialState.FAIL)
+            try:
+                study.tell(trial.number, state=TrialState.FAIL)
+            except (ValueError, optuna.exceptions.UpdateFinishedTrialError):
+                continue  # another process has, and repeats it
             repeat(study, trial)
     return study
 

@@ -17,6 +17,7 @@ import pytest
 
 from agents.commands import tune as command
 from agents.commands.tune import TuneSettings, shortened, tune
+from agents.training import studies
 from agents.training.config import TrainSettings, read_settings
 from agents.training.progress import Ending
 from agents.training.reinforcement import train
@@ -142,6 +143,20 @@ def test_study_killed_at_random_instants_ends_as_if_uninterrupted(wanted, tmp_pa
     assert outcome(broken / "quick") == outcome(whole / "quick")
     assert 0 < states.count("FAIL") <= wanted
     assert len(states) - states.count("FAIL") == settings.trials
+
+
+def test_trial_of_a_dead_process_is_repeated_by_one_of_two(tmp_path, monkeypatch):
+    study = studies.open_study("quick", tmp_path, 0)
+    with pytest.warns(UserWarning, match="Heartbeat"):
+        number = study.ask().number
+
+    def dead(*_):  # and meanwhile another process finds it too
+        study.tell(number, state=optuna.trial.TrialState.FAIL)
+        return True
+
+    monkeypatch.setattr(studies, "is_dead", dead)
+    again = studies.open_study("quick", tmp_path, 0)
+    assert [trial.state.name for trial in again.trials] == ["FAIL"]
 
 
 def test_trial_behind_the_median_is_pruned(tmp_path, monkeypatch):
