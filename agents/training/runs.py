@@ -125,7 +125,10 @@ class Run:
     def require_finished(self) -> None:
         """Raise `RunError` unless training is over."""
         if not self.finished:
-            msg = f"{self.folder}: training is not finished; continue it: python -m agents train"
+            msg = (
+                f"{self.folder}: training is not finished, or {self.policy.name} is missing; the "
+                "command that began it continues it"
+            )
             raise RunError(msg)
 
     def validations(self) -> tuple[Array, Array, Array]:
