@@ -361,9 +361,9 @@ class Plant:
         return text
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=256)
 def _at_interval(plant: Plant, interval: float) -> Plant:
-    # Without the excitation: thousands of plants would hold as many copies of a record. Impulses
+    # Without the excitation: hundreds of plants would hold as many copies of a record. Impulses
     # come between the intervals that they propagate.
     support = replace(plant.support, sample_interval=interval, excitation=np.zeros(FIRST))
     return replace(plant, support=support, model=plant.method.constants(support, plant.settings))
