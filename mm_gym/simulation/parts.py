@@ -59,7 +59,7 @@ def _propagated(generator: Array, state: Array, pieces: int) -> Array:
 def _exosystem(plant: Plant, lane: Array, duration: float) -> tuple[Array, Array]:
     """Return generator times duration, and state at the start, of a linear motion and its causes.
 
-    The states are x1, x2 [m] and, times the duration, v1, v2; then the held force, cosine and sine
+    The states are x1, x2 [m] and, times the duration, v1, v2; then the held force, sine and cosine
     of each harmonic, and the jets of force and ground, each times the way [m] that it alone causes.
     """
     support, square = plant.support, duration * duration
@@ -67,27 +67,28 @@ def _exosystem(plant: Plant, lane: Array, duration: float) -> tuple[Array, Array
     k2 = plain(springs.stiffness)(lane[layout.K0], lane[layout.STRETCH])
     k1 = k1 * lane[layout.ALPHA]
     system = state_space({"m1": m1, "m2": m2, "k1": k1, "d": d, "c": c, "k2": k2})
-    causes = [(system.control(is_between=support.is_between), lane[[layout.FORCE]], 0.0)]
+    control = system.control(is_between=support.is_between)
+    causes = [(control, lane[[layout.FORCE]], np.zeros((1, 1)))]
     for row, ground in zip(support.harmonic_rows, support.ground, strict=True):
         column = (system.ground if ground else system.force) * lane[row + layout.AMPLITUDE]
-        turned = lane[[row + layout.SINE, row + layout.COSINE]]
-        causes.append((column, turned, lane[row + layout.FREQUENCY] * duration))
-    jets = lane[support.jets : support.jets + 2 * support.terms].reshape(2, -1)
-    causes += [(system.force, jets[0], 0.0), (system.ground, jets[1], 0.0)]
+        turn = lane[row + layout.FREQUENCY] * duration
+        wave = lane[[row + layout.SINE, row + layout.COSINE]]
+        causes.append((column, wave, np.array([[0.0, turn], [-turn, 0.0]])))
+    if support.terms:
+        jets = lane[support.jets : support.jets + 2 * support.terms].reshape(2, -1)
+        rates = np.diag(np.arange(1.0, support.terms), 1)
+        causes += [(system.force, jets[0], rates), (system.ground, jets[1], rates)]
     size = 4 + sum(len(values) for _, values, _ in causes)
     generator, start, at = np.zeros((size, size)), np.zeros(size), 4
     generator[:2, 2:4] = np.eye(2)
     generator[2:4, :2] = system.a[2:, :2] * square
     generator[2:4, 2:4] = system.a[2:, 2:] * duration
     start[:4] = lane[: layout.V2 + 1] * (1.0, 1.0, duration, duration)
-    for column, values, turn in causes:
+    for column, values, rates in causes:
         way = square * column[2:].astype(np.float64)
         scale = np.abs(way).max() or 1.0
-        generator[2:4, at : at + 1] = (way / scale)[:, None]
-        rows = np.arange(at, at + len(values) - 1)
-        generator[rows, rows + 1] = turn or np.arange(1.0, len(values))
-        if turn:
-            generator[rows + 1, rows] = -turn
-        start[at : at + len(values)] = scale * values
-        at += len(values)
+        generator[2:4, at] = way / scale
+        end = at + len(values)
+        generator[at:end, at:end], start[at:end] = rates, scale * values
+        at = end
     return generator, start

@@ -75,7 +75,10 @@ WAVES = [
 ]
 
 
-@pytest.mark.parametrize("excitation", [[], WAVES[:1], WAVES])
+CONSTANT = {"kind": "harmonic", "amplitude": 2.0, "frequency": 0.0, "phase": 0.3}
+
+
+@pytest.mark.parametrize("excitation", [[], [CONSTANT], WAVES[:1], WAVES])
 @pytest.mark.parametrize("changes", [{}, {"randomization": {"carriage.mass": (0.09, 0.11)}}])
 @pytest.mark.parametrize("damping", [1.0, 40.0])
 def test_instants_within_a_long_control_step_are_those_of_short_ones(excitation, changes, damping):
