@@ -7,6 +7,7 @@ Each task has a thousand episodes on which nothing was tuned, trained or chosen.
 import json
 import time
 from collections.abc import Iterable, Mapping
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
@@ -70,7 +71,7 @@ def main(arguments: Arguments) -> None:
     agents = {text: agents_of((text,)) for text in arguments.runs}
     _check_labels(agents)
     named = arguments.tasks or [task for found in agents.values() for task in found] or ids()
-    done = {}
+    summaries = {}
     for task in tasks_called(named):
         scene = load_scene(task)
         seal = Seal(
@@ -87,8 +88,9 @@ def main(arguments: Arguments) -> None:
                 seal.score(name, role, controllers)
                 spent = time.perf_counter() - began
                 print(f"{task}: {name}: {seal.scored[name].cost:.4f}, in {spent:.0f} s")
-        done[task] = seal.summary({name for name, *_ in others})
+        summaries[task] = partial(seal.summary, {name for name, *_ in others})
     if arguments.episodes == EPISODES:
+        done = {task: summary() for task, summary in summaries.items()}
         known = read_sealed(FILE)
         tasks = known["tasks"] if known["release"] == release else {}
         for task in done.keys() & tasks.keys():

@@ -12,6 +12,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
+from pydantic import BaseModel, Field
+
 from agents.controllers.registry import laws
 from agents.errors import command
 from agents.evolution.search import EvolveSettings, evolve
@@ -21,10 +23,10 @@ from agents.scoring import evaluate
 from agents.training.config import CONFIGS, Positive, TrainSettings
 from agents.training.parts import agent_of, best_controller, recorded_parts
 from agents.training.reinforcement import train
-from agents.training.runs import MOST_BYTES, Run, read_checked
+from agents.training.runs import MOST_BYTES, Run, checked
 from mm_gym import DesignError, load_scene
 from mm_gym.errors import check_name
-from mm_gym.files import write_text
+from mm_gym.files import read_json, write_text
 from mm_gym.scene import Document
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -51,6 +53,25 @@ class Arguments(Document):
     """to make anew; by default those of structures that have none"""
 
 
+class _Found(BaseModel, strict=True, allow_inf_nan=False):
+    """What a search came to."""
+
+    cost: float
+    seconds: float
+
+
+class Scores(BaseModel, strict=True, allow_inf_nan=False):
+    """What is known of a structure."""
+
+    scene_digest: str
+    best_controller: str = Field(alias="best controller")
+    no_control: float = Field(alias="no control")
+    best: float
+    evolved: _Found | None
+    gradient: _Found | None
+    PPO: _Found | None
+
+
 @command
 def main(arguments: Arguments) -> None:
     """Search from the command line."""
@@ -67,11 +88,11 @@ def main(arguments: Arguments) -> None:
             continue
         searches = arguments.searches if is_known else tuple(SEARCHES)
         row = {"scene_digest": digest, **_controllers(file)}
-        for what in SEARCHES:
-            made = what in searches
-            row[what] = _searched(file, what, arguments.seconds) if made else known[what]
+        row |= {what: _searched(file, what, arguments.seconds) for what in searches}
         print(file.stem, row)
-        rows = _read() | {file.stem: row}  # others may have written to it
+        rows = _read()  # others may have written to it
+        before = rows.get(file.stem, {})
+        rows[file.stem] = (before if before.get("scene_digest") == digest else {}) | row
         write_text(SCORES, json.dumps(dict(sorted(rows.items())), indent=2) + "\n")
     text = PAGE.read_text("utf-8")
     before, _, rest = text.partition(BEGIN)
@@ -82,7 +103,9 @@ def _read() -> dict[str, dict[str, Any]]:
     """Return the rows that are known, by structure; raise `SceneError` if they are damaged."""
     if not os.path.lexists(SCORES):
         return {}
-    return read_checked(dict[str, dict[str, Any]], SCORES, "a file of scores", MOST_BYTES)
+    rows: Any = read_json(SCORES, most=MOST_BYTES)
+    checked(dict[str, Scores], rows, SCORES, "a file of scores")
+    return rows
 
 
 def _controllers(file: Path) -> dict[str, Any]:

@@ -47,6 +47,9 @@ OVER = (TrialState.COMPLETE, TrialState.PRUNED)
 logging.getLogger("optuna.study._optimize").addFilter(lambda line: line.levelno < logging.WARNING)
 
 
+WHY = "why"  # attribute of a trial that diverged
+
+
 class TuneSettings(TrainSettings):
     """What every trial has in common, and how many there are."""
 
@@ -119,9 +122,8 @@ def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
         )
     path = _write_best(study, settings, folder)
     if not os.path.lexists(path):
-        msg = (
-            f"{folder}: none of {settings.trials} trials has a cost; try other flags or more trials"
-        )
+        why = study.trials[-1].user_attrs.get(WHY, "all were pruned")
+        msg = f"{folder}: none of {settings.trials} trials has a cost: {why}"
         raise RunError(msg)
     return path
 
@@ -145,6 +147,7 @@ def _tried(trial: Trial, settings: TuneSettings, folder: Path) -> float:
     try:
         train(own, run, bar=False, report=report)
     except (ActionError, DivergedError, SimulationError) as error:
+        trial.set_user_attr(WHY, str(error))
         raise optuna.TrialPruned(str(error)) from error
     except (KeyboardInterrupt, OSError):  # Optuna calls the trial failed, and would not repeat it
         repeat_later(trial)

@@ -171,12 +171,16 @@ class Seal:
             evaluate(self.scene, one, seed=self.seed, episodes=self.episodes).penalties
             for one in controllers
         ]
-        if os.path.lexists(self.file):  # others may have written to it
-            self.scored |= self._read()
+        self._read_again()
         self.scored[name] = Scored(name, role, np.array(found))
         roles = {one.name: one.role for one in self.scored.values()}
         arrays = {one.name: one.penalties for one in self.scored.values()}
         write_bytes(self.file, content_of(self._is_of | {"roles": roles}, arrays))
+
+    def _read_again(self) -> None:
+        """Take over what others have written since."""
+        if os.path.lexists(self.file):
+            self.scored |= self._read()
 
     def summary(self, controllers: Container[str]) -> Row:
         """Return the rows, least cost first, and how agents compare with the best of the others.
@@ -184,6 +188,7 @@ class Seal:
         Both are the best on these very episodes, the agent and the controller alike. The rows are
         of these controllers and all agents: what an earlier version had is not told.
         """
+        self._read_again()
         every = sorted(self.scored.values(), key=lambda one: one.cost)
         found = [one for one in every if one.role == AGENT or one.name in controllers]
         rows, agents = [one.row() for one in found], [one for one in found if one.role == AGENT]

@@ -38,9 +38,10 @@ def decimals(costs: Iterable[float], least: int = 3) -> int:
     """Return how many digits behind the point tell costs apart.
 
     They are so many at least; of scenes on which the smallest cost but 0 would hardly be seen with
-    them, those that show three digits of it.
+    them, those that show three digits of it. A cost of a millionth of the largest counts as 0.
     """
-    smallest = min((cost for cost in costs if 0.0 < cost < inf), default=1.0)
+    found = [cost for cost in costs if 0.0 < cost < inf]
+    smallest = min((cost for cost in found if cost > 1e-6 * max(found)), default=1.0)
     return least if smallest >= 10.0 ** (1 - least) else 2 - floor(log10(smallest))
 
 

@@ -33,7 +33,7 @@ MOST_KILLS = 20
 """Kills of one training after which it is given up, so that none keeps a sweep busy forever."""
 
 GIVEN_UP = f"its process was killed {MOST_KILLS} times"
-INTERRUPTED = "interrupted"
+STOPPED = "interrupted"
 
 
 def work_here(trials: Trials, processes: int | None, report: Report) -> None:
@@ -54,21 +54,22 @@ def work_here(trials: Trials, processes: int | None, report: Report) -> None:
     if not trials:
         return
     before = dict(os.environ)
-    os.environ |= ONE_THREAD  # of the processes, which inherit it
-    workers = _Workers()
     threads = ThreadPoolExecutor(processes or os.cpu_count() or 1)  # each waits for a process
+    workers = _Workers()
     try:
+        os.environ |= ONE_THREAD  # of the processes, which inherit it
+        workers.begin()
         jobs = {threads.submit(workers.do, *trial): k for k, trial in enumerate(trials)}
         for job in as_completed(jobs):
             report(jobs[job], job.result())
     finally:
-        workers.interrupt()
         try:
+            workers.interrupt()
             threads.shutdown(cancel_futures=True)
         finally:
             workers.kill()
             for name in ONE_THREAD:
-                os.environ.pop(name)
+                os.environ.pop(name, None)
             os.environ |= before
 
 
@@ -79,19 +80,22 @@ class _Workers:
         # Windows knows no fork.
         forks = "forkserver" in multiprocessing.get_all_start_methods()
         self._context = multiprocessing.get_context("forkserver" if forks else "spawn")
-        if forks:
-            self._context.set_forkserver_preload(["agents.training.reinforcement"])
-            _begin_server()
         # Processes wait for the end of the line, which also comes when nobody holds it any more.
         self._line, self._held = self._context.Pipe(duplex=False)
         self._running: set[BaseProcess] = set()
         self._over = False
 
+    def begin(self) -> None:
+        """Begin the process from which the others fork, where they do."""
+        if self._context.get_start_method() == "forkserver":
+            self._context.set_forkserver_preload(["agents.training.reinforcement"])
+            _begin_server()
+
     def do(self, text: str, folder: str) -> str | None:
         """Do a training in a process, again if it is killed; return what went wrong."""
         for _ in range(MOST_KILLS):
             if self._over:
-                return INTERRUPTED
+                return STOPPED
             answer, call = self._context.Pipe(duplex=False)
             process = self._context.Process(target=_work, args=(text, folder, call, self._line))
             process.start()
@@ -134,9 +138,11 @@ def _work(text: str, folder: str, call: Connection, line: Connection) -> None:
                 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             signal.signal(signal.SIGINT, signal.default_int_handler)
             threading.Thread(target=_end_with_sweep, args=(line,), daemon=True).start()
-            call.send(_done(text, folder))
+            outcome = _done(text, folder)
         except KeyboardInterrupt:
-            call.send(INTERRUPTED)
+            outcome = STOPPED
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the sweep may be over before this process
+        call.send(outcome)
 
 
 def _end_with_sweep(line: Connection) -> None:

@@ -74,6 +74,7 @@ def test_small_costs_of_an_own_scene_are_told_apart(capsys) -> None:
     assert " 0.000398 " in said
     assert " 0.000500 " in said
     assert [decimals(costs) for costs in ([0.0, 0.01], [3.0, 9.9e-3], [], [0.0])] == [3, 5, 3, 3]
+    assert decimals([0.5, 1e-17]) == 3  # round-off
 
 
 def test_files_state_costs_first_and_ratios_of_costs(tmp_path) -> None:

@@ -69,23 +69,34 @@ def test_twelve_structures_cover_four_decades_of_frequency_and_nine_of_mass():
 def test_rows_of_two_commands_at_once_are_both_kept(tmp_path, monkeypatch):
     file, page = tmp_path / "scores.json", tmp_path / "page.md"
     costs = {"cost": 1.0, "seconds": 1.0}
-    row = {"best controller": "lqr", "no control": 1.0, "best": 1.0}
+    row = {"scene_digest": "", "best controller": "lqr", "no control": 1.0, "best": 1.0}
     row |= dict.fromkeys(command.SEARCHES, costs)
+    others = {"tower": row}
 
     def searched(*_: object) -> dict[str, float]:
-        file.write_text(json.dumps({"tower": row}))  # as the other command does meanwhile
+        file.write_text(json.dumps(others))  # as the other command does meanwhile
         return costs
 
     page.write_text(f"{command.BEGIN}{command.END}")
     for name, value in (("SCORES", file), ("PAGE", page), ("_searched", searched)):
         monkeypatch.setattr(command, name, value)
-    monkeypatch.setattr(command, "_controllers", lambda _: dict(row))
+    own = {name: row[name] for name in ("best controller", "no control", "best")}
+    monkeypatch.setattr(command, "_controllers", lambda _: dict(own))
     monkeypatch.setattr("sys.argv", ["structures", "--structures", "frame"])
     assert command.main() is None
     assert set(json.loads(file.read_text())) == {"frame", "tower"}
     assert "| tower |" in page.read_text()
-    file.write_text("<<<<<<< HEAD")
-    assert str(command.main()).startswith(f"error: {file}: not valid JSON")
+    # The other command searches another way on the same structure.
+    others = json.loads(file.read_text())
+    others["frame"]["PPO"] = {"cost": 2.0, "seconds": 1.0}
+    words = ["structures", "--structures", "frame", "--searches", "evolved"]
+    monkeypatch.setattr("sys.argv", words)
+    assert command.main() is None
+    assert json.loads(file.read_text())["frame"]["PPO"]["cost"] == 2.0
+    for text, told in (("<<<<<<< HEAD", "not valid JSON"), ('{"tower": {}}', "tower.scene_digest")):
+        file.write_text(text)
+        assert str(command.main()).startswith(f"error: {file}: not ")
+        assert told in str(command.main())
 
 
 @pytest.mark.parametrize("name", NAMES)

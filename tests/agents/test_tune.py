@@ -176,7 +176,7 @@ def test_trial_that_diverges_is_pruned_and_the_others_go_on(tmp_path, monkeypatc
         root = tmp_path / type(error).__name__
         states = [trial.state.name for trial in study_of(tune(QUICK, root).parent).trials]
         assert states == ["PRUNED", "COMPLETE"]
-    with pytest.raises(RunError, match="quick: none of 1 trials has a cost"):
+    with pytest.raises(RunError, match="quick: none of 1 trials has a cost: lost"):
         tune(QUICK.model_copy(update={"trials": 1}), tmp_path / "none")
 
 
