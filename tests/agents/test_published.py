@@ -29,12 +29,13 @@ RECORDED = read_published()
 def few(rows):
     """A row of every task, of the algorithm that the fewest of the others are of.
 
-    Controllers that a network is around may be searched first, which takes long.
+    Of several such, of the one with the fewest rows, which other tasks may not have.
     """
     counts, found = Counter(), []
+    every = Counter(row.algorithm for row in rows)
     for task in sorted({row.task for row in rows}):
         own = [row for row in rows if row.task == task]
-        found.append(min(own, key=lambda row: (counts[row.algorithm], row.base is not None)))
+        found.append(min(own, key=lambda row: (counts[row.algorithm], every[row.algorithm])))
         counts[found[-1].algorithm] += 1
     return found
 
