@@ -34,7 +34,7 @@ from mm_gym.law.motion import coefficients, control_forces
 from mm_gym.law.springs import stiffness
 from mm_gym.methods.runge_kutta import kernel as runge_kutta
 from mm_gym.methods.runge_kutta import layout as slots
-from mm_gym.methods.runge_kutta.tableau_kernel import summed
+from mm_gym.methods.runge_kutta.tableau_kernel import estimated
 from mm_gym.sensitivity.columns_kernel import read_harmonic, read_rows, read_state, write_state
 from mm_gym.sensitivity.layout import WIDTH
 from mm_gym.sensitivity.step_kernel import beginning_with, step_by
@@ -191,15 +191,15 @@ def _error(interface, model, b, h):
     far, fast = _farthest(b, (layout.X1, layout.X2)), _farthest(b, (layout.V1, layout.V2))
     p = from_row(b, slots.PARAMETERS)
     rates = rates_of(interface, p, far, fast, (zero, zero))
-    q1, q2, r1, r2 = summed(b, number, zero, zero)
-    o1, o2, s1, s2 = summed(b, number + 1, zero, zero)
+    q1, q2, r1, r2 = estimated(b, number, zero)
+    o1, o2, s1, s2 = estimated(b, number + 1, zero)
     rounded = _rounded(interface, b, far, fast)
     error = _over(model, h, (q1, q2), (o1, o2), (layout.V1, layout.V2), b, error, rounded, zero)
     ways, others = (h * r1, h * r2), (h * s1, h * s2)
     error = _over(model, h, ways, others, (layout.X1, layout.X2), b, error, h * rounded, zero)
     moves = larger(_size(b, (layout.X1, layout.X2)), _size(b, (layout.V1, layout.V2)))
-    own = runge_kutta.summed_own(interface, b, number, (zero, zero))
-    other = runge_kutta.summed_own(interface, b, number + 1, (zero, zero))
+    own = runge_kutta.own_errors(interface, b, number, zero)
+    other = runge_kutta.own_errors(interface, b, number + 1, zero)
     for k in range(own_states_of(interface)):
         row, lost = slots.OWN + k, (h * runge_kutta.ROUND_OFF) * rates[k]
         ways, others = (own[k], own[k]), (other[k], other[k])

@@ -52,7 +52,7 @@ from mm_gym.law.interface import (
 from mm_gym.law.motion import Coefficients, control_forces, rates, read_coefficients
 from mm_gym.law.springs import is_resolved
 from mm_gym.methods.runge_kutta import layout as slots
-from mm_gym.methods.runge_kutta.tableau_kernel import summed
+from mm_gym.methods.runge_kutta.tableau_kernel import estimated, summed
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as series
 
@@ -392,7 +392,8 @@ def pass_stage(law, model, b, i):
     time, kick = fma(model[slots.TIMES + i], h, b[slots.ELAPSED]), slots.KICKS + 2 * (i + 1)
     own = own_at(law, b, slots.OWN)
     if own_states_of(law) > 0:
-        own = summed_own(law, b, number, own)
+        first, second, _, _ = summed(_own_kicks(b), number, own[0], own[1])
+        own = first, (second if own_states_of(law) > 1 else own[1])
     for k in range(own_states_of(law)):
         b[slots.END + slots.OWN + k] = own[k]
     if i + 1 == int(model[slots.STAGES]):
@@ -401,10 +402,18 @@ def pass_stage(law, model, b, i):
 
 
 @inlined_kernel
-def summed_own(law, b, number, own):
-    """Return the interface's own states of a stage, or the same of an estimate's errors."""
-    first, second, _, _ = summed(from_row(b, slots.OWN_KICKS - slots.KICKS), number, own[0], own[1])
-    return first, (second if own_states_of(law) > 1 else own[1])
+def _own_kicks(b):
+    """Return the rows in which the interface's own states change as velocities do."""
+    return from_row(b, slots.OWN_KICKS - slots.KICKS)
+
+
+@inlined_kernel
+def own_errors(law, b, number, zero):
+    """Return an estimate of the errors of the interface's own states."""
+    if own_states_of(law) == 0:
+        return zero, zero
+    first, second, _, _ = estimated(_own_kicks(b), number, zero)
+    return first, (second if own_states_of(law) > 1 else zero)
 
 
 @borrowing_kernel
@@ -418,8 +427,9 @@ def _assess(law, model, b):
     fast = larger(larger(abs(v1), abs(v2)), larger(abs(w1), abs(w2)))
     stages = int(model[slots.STAGES])
     estimates = int(model[slots.SUM]) + stages
-    q1, q2, r1, r2 = summed(b, estimates, v1, v2)
-    o1, o2, s1, s2 = summed(b, estimates + 1, v1, v2)
+    zero = everywhere(0.0)
+    q1, q2, r1, r2 = estimated(b, estimates, zero)
+    o1, o2, s1, s2 = estimated(b, estimates + 1, zero)
     change, shift = larger(abs(q1), abs(q2)), larger(abs(r1), abs(r2)) * h
     other = larger(abs(o1), abs(o2))
     least = LEAST if is_line(law) else LEAST_ALONE
@@ -447,8 +457,7 @@ def _assess(law, model, b):
     slips = b[slots.STATE + 3] - b[slots.STATE + 2], b[slots.END + 3] - b[slots.END + 2]
     way = LONGEST_WAY_OF_BOTH if model[slots.IS_COMBINED] > 0.0 else LONGEST_WAY
     good = good & resolves(law, _parameters(b), slips[0], slips[1], way)
-    zero = everywhere(0.0)
-    slid = summed_own(law, b, estimates, (zero, zero))
+    slid = own_errors(law, b, estimates, zero)
     rounded = rates_of(law, _parameters(b), far, fast, (zero, zero))
     for k in range(own_states_of(law)):
         moved = abs(b[slots.OWN_KICKS + k]) * (model[layout.SAMPLE_INTERVAL] / h)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic, overload, register_jitable
 
 from mm_gym.arrays import Array
 from mm_gym.lanes.simd import LANES, NUMBERS, call
@@ -149,8 +149,6 @@ def first_sum(pair: Tableau) -> int:
 def summed(rows: Any, number: int, v1: Any, v2: Any) -> tuple[Any, Any, Any, Any]:
     """Return both velocities of a stage, and both ways to it from the step's start, over h.
 
-    Or the same of an estimate's errors, without what v would add.
-
     Parameters
     ----------
     rows
@@ -168,20 +166,31 @@ def summed(rows: Any, number: int, v1: Any, v2: Any) -> tuple[Any, Any, Any, Any
     return kept * v1 + first, kept * v2 + second, time * v1 + way, time * v2 + other
 
 
+def estimated(rows: Any, number: int, zero: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the same of an estimate's errors, to which the velocities add nothing.
+
+    Apart from `summed`: compiled, each has code for its own sums alone.
+    """
+    return summed(rows, number, zero, zero)
+
+
 @intrinsic(prefer_literal=True)
-def _summed(_context, rows, stride, first, number, v1, v2):
+def _summed(_context, rows, stride, first, is_stage, number, v1, v2):
     """Sum vectors that are `stride` rows apart, the first of them at row `first`: literals.
 
-    With numbers as velocities, only the first number of each vector counts.
+    With numbers as velocities, only the first number of each vector counts. The sum is of a stage
+    or of an estimate, as the literal `is_stage` says.
     """
 
     def build(context, builder, signature, arguments):
         kind = context.get_value_type(signature.args[-1])  # of a vector, or a number
-        rows, _, _, number, *starts = arguments
-        apart, offset = (kind.literal_value for kind in signature.args[1:3])
+        rows, _, _, _, number, *starts = arguments
+        apart, offset, is_stage = (kind.literal_value for kind in signature.args[1:4])
         end, nowhere = (builder.append_basic_block() for _ in range(2))
         choice, found = builder.switch(number, nowhere), []
         for k, (time, velocities, places) in enumerate(_all_sums()):
+            if (time > 0.0) != is_stage:
+                continue
             block = builder.append_basic_block()
             choice.add_case(k, block)
             builder.position_at_end(block)
@@ -208,9 +217,9 @@ def _summed(_context, rows, stride, first, number, v1, v2):
                 result.add_incoming(value, block)
         return context.make_tuple(builder, signature.return_type, results)
 
-    literals = isinstance(stride, types.Literal) and isinstance(first, types.Literal)
+    literals = all(isinstance(given, types.Literal) for given in (stride, first, is_stage))
     kind = types.UniTuple(v1, 4)
-    return (kind(rows, stride, first, number, v1, v2), build) if literals else None
+    return (kind(rows, stride, first, is_stage, number, v1, v2), build) if literals else None
 
 
 def _kicks(
@@ -244,13 +253,21 @@ def _sum(builder: Any, kind: Any, terms: list[tuple[float, Any]]) -> Any:
 @overload(summed)
 def _compiled_summed(rows, number, v1, v2):
     if rows == TANGENTS:
-        return _summed_tangents
-    return lambda rows, number, v1, v2: _summed(rows, 1, 0, number, v1, v2)
+        return lambda rows, number, v1, v2: _summed_tangents(rows, True, number, v1, v2)
+    return lambda rows, number, v1, v2: _summed(rows, 1, 0, True, number, v1, v2)
 
 
-def _summed_tangents(rows, number, v1, v2):
+@overload(estimated)
+def _compiled_estimated(rows, number, zero):
+    if rows == TANGENTS:
+        return lambda rows, number, zero: _summed_tangents(rows, False, number, zero, zero)
+    return lambda rows, number, zero: _summed(rows, 1, 0, False, number, zero, zero)
+
+
+@register_jitable
+def _summed_tangents(rows, is_stage, number, v1, v2):
     """Return the same of numbers with tangents: of their values, and of their slopes."""
     first, second = value_of(v1), value_of(v2)
-    a, b, c, d = _summed(vectors_of(rows), 2, 0, number, first, second)
-    p, q, r, s = _summed(vectors_of(rows), 2, 1, number, slopes_of(v1), slopes_of(v2))
+    a, b, c, d = _summed(vectors_of(rows), 2, 0, is_stage, number, first, second)
+    p, q, r, s = _summed(vectors_of(rows), 2, 1, is_stage, number, slopes_of(v1), slopes_of(v2))
     return tangent(a, p), tangent(b, q), tangent(c, r), tangent(d, s)
