@@ -89,6 +89,44 @@ def excitation(model, b, first, time):
 
 
 @borrowing_kernel
+def series_of_sources(model, b, first, piece, targets, degree):
+    """Write the series of force [N] and ground acceleration [m/s^2] over a piece of the interval.
+
+    Parameters
+    ----------
+    piece
+        Its start since that of the sample interval, and its length [s].
+    targets, degree
+        Where the rows of both series begin, and how many terms they have: term k is the k-th
+        derivative times length**k / k!.
+    """
+    (start, length), terms = piece, int(model[layout.TERMS])
+    by_interval = 1.0 / model[layout.SAMPLE_INTERVAL]
+    shift, ratio = start * by_interval, length * by_interval
+    for target in range(2):
+        scale, jet = alike(start, 1.0), first + target * terms
+        for k in range(degree):
+            # The binomial theorem: ((s + r t)^n)_k = C(n, k) s^(n - k) r^k.
+            total, weight = alike(start, 0.0), scale
+            for n in range(k, terms):
+                total = fma(weight, b[jet + n], total)
+                weight = weight * shift * ((n + 1.0) / (n + 1.0 - k))
+            b[targets[target] + k] = total
+            scale = scale * ratio
+    for j in range(int(model[layout.HARMONIC_COUNT])):
+        row = first + 2 * terms + ROWS_OF_HARMONIC * j
+        target = targets[(int(model[layout.GROUND]) >> j) & 1]
+        cosine, sine = on_circle(b[row + 1] * start * _TO_QUARTERS)
+        turn = b[row + 1] * length
+        value = b[row] * fma(b[row + 3], cosine, b[row + 2] * sine)
+        slope = b[row] * turn * fma(b[row + 2], cosine, -b[row + 3] * sine)
+        for n in range(degree):
+            b[target + n] = b[target + n] + value
+            # From p'' = -frequency**2 p: the next term follows from the last but one.
+            value, slope = slope, value * (turn * turn * (-1.0 / ((n + 1.0) * (n + 2.0))))
+
+
+@borrowing_kernel
 def strongest(model, b, first):
     """Return bounds of force [N] and ground acceleration [m/s^2] in the interval.
 

@@ -15,7 +15,7 @@ from mm_gym.methods.linear.method import Linear, Massless
 from mm_gym.methods.linear_series.method import ExponentialAction, TruncatedSeries
 from mm_gym.methods.runge_kutta.method import RungeKutta
 from mm_gym.methods.splitting.method import Splitting
-from mm_gym.methods.switched.method import Switched, SwitchedSeries
+from mm_gym.methods.switched.method import Switched, SwitchedSeries, TruncatedSwitched
 from mm_gym.methods.taylor.method import Taylor
 
 METHODS: tuple[Method, ...] = (
@@ -25,9 +25,10 @@ METHODS: tuple[Method, ...] = (
     CayleyHamilton(),
     ExponentialAction(),
     Switched(),
+    TruncatedSwitched(),
+    SwitchedSeries(),
     Splitting(),
     RungeKutta(),
-    SwitchedSeries(),
     Taylor(),
     RK4(),
     SemiImplicitEuler(),

@@ -345,11 +345,14 @@ def fastest_rate(support: Support) -> float:
     return float(max(rate, harmonics))
 
 
-def fastest_decay(support: Support) -> float:
-    """Return the fastest rate [1/s] at which dampers and friction alone slow the masses down."""
+def fastest_decay(support: Support, slope: float | None = None) -> float:
+    """Return the fastest rate [1/s] at which dampers and friction alone slow the masses down.
+
+    The slope [N s/m] is that of the interface, by default the steepest.
+    """
     m1, m2, _ = _fastest(support)
-    d = float(support.high[layout.D])
-    return float(plain(bounds.largest_eigenvalue)(m1, m2, d, support.steepest))
+    d, steepest = float(support.high[layout.D]), support.steepest if slope is None else slope
+    return float(plain(bounds.largest_eigenvalue)(m1, m2, d, steepest))
 
 
 def _fastest(support: Support) -> tuple[float, float, float]:

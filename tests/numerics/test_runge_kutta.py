@@ -304,8 +304,6 @@ def test_intervals_longer_than_the_scenes_are_left_to_the_series():
         (("cubic", "viscous", "finite"), 1e-9, "runge_kutta"),
         (("cubic", "viscous", "free"), 1e-9, "taylor"),
         (("cubic", "viscous", "finite"), 1e-10, "taylor"),
-        (("linear", "friction", "free"), 1e-8, "runge_kutta"),
-        (("linear", "friction", "free"), 1e-9, "switched"),
         (("cubic", "friction", "finite"), 1e-9, "runge_kutta"),
     ],
 )

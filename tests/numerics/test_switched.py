@@ -36,6 +36,36 @@ SCENES = {
     "creep": BASE.replace(**{"interface.reference_velocity": 1e-3}),
 }
 
+DRAWN = SCENES["force"].replace(
+    **{
+        "control.time_step": 5e-3,
+        "springs": SmallOnLarge(stiffness=35.0, stretch=1.5).model_dump(),
+        "randomization": {
+            "carriage.mass": (0.05, 0.2),
+            "interface.kinetic_coefficient": (0.15, 0.25),
+        },
+    }
+)
+"""Every lane has regimes of its own."""
+
+NOISE = {
+    "kind": "noise",
+    "rms": 5.0,
+    "low_frequency": 44.0,
+    "high_frequency": 71.0,
+    "sample_time": 5e-3,
+}
+SWEEP = {
+    "kind": "sweep",
+    "target": "ground",
+    "amplitude": 20.0,
+    "start_frequency": 5.0,
+    "end_frequency": 60.0,
+    "duration": 1.0,
+}
+IMPULSE = {"kind": "impulse", "target": "ground", "size": 0.3, "time": 0.0337}
+EXCITATIONS = [harmonic.model_dump() for harmonic in HARMONICS], [NOISE], [SWEEP], [IMPULSE]
+
 # SciPy finds events to some 1e-12 of its step, and each step has an error of 1e-13.
 ORACLE = 1e-10
 
@@ -147,6 +177,46 @@ def test_lane_among_many_equals_lane_alone(name: str, time_step: float) -> None:
     scene = SCENES[name].replace(**{"control.time_step": time_step}, **changes)
     assert_lanes_equal_single(compile_scene(scene), 100)
     assert_lanes_equal_single(compile_scene(_as_series(scene)), 20)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "name"), [(1e-2, "series"), (1e-8, "series"), (1e-9, "switched")]
+)
+@pytest.mark.parametrize("changes", [{}, {"excitation": [NOISE]}], ids=["held", "noise"])
+def test_auto_takes_a_series_where_parameters_are_drawn(changes, tolerance, name) -> None:
+    plant = compile_scene(DRAWN.replace(**{"solver.tolerance": tolerance}, **changes))
+    assert plant.method.name == name
+
+
+@pytest.mark.parametrize(
+    "excitation", [[], *EXCITATIONS], ids=["held", "harmonics", "noise", "sweep", "impulse"]
+)
+@pytest.mark.parametrize("velocity", [0.2, 2e-3])
+def test_drawn_lanes_meet_the_series_that_follows_them_alone(velocity, excitation) -> None:
+    scene = DRAWN.replace(excitation=excitation, **{"interface.reference_velocity": velocity})
+    want, crossings = _played(scene, "taylor", 1e-15)
+    assert crossings >= 20  # at the ends of control steps; within them there are more
+    scale = np.repeat(np.abs(want.reshape(-1, 2, 2, want.shape[-1])).max(axis=(0, 2, 3)), 2)
+    for name, tolerance in ("switched", 1e-9), ("series", 1e-2), ("series", 1e-5), ("series", 1e-9):
+        got, _ = _played(scene, name, tolerance)
+        # Some 100 steps and pieces, each with an error of round-off; tolerances are bounds.
+        assert error(got, want, scale[:, None]) <= (1e-11 if name == "switched" else tolerance)
+
+
+def _played(scene: Scene, name: str, tolerance: float) -> tuple[np.ndarray, int]:
+    """Return the states (steps, 4, lanes) under random actions, and how often lanes crossed."""
+    lanes = Lanes(
+        compile_scene(scene.replace(**{"solver.method": name, "solver.tolerance": tolerance})), 20
+    )
+    lanes.seed(0)
+    lanes.restart()
+    rng, states, slips, crossings = np.random.default_rng(0), [], _slips(lanes), 0
+    for _ in range(30):
+        lanes.advance(rng.uniform(-1.0, 1.0, 20))
+        states.append(lanes.values[:4].copy())
+        crossings += np.count_nonzero(_slips(lanes) != slips)
+        slips = _slips(lanes)
+    return np.array(states), crossings
 
 
 def test_lanes_that_cross_again_and_again_meet_the_series_alone() -> None:

@@ -127,13 +127,14 @@ def _model(support: Support, degree_of_piece: Callable[[float, float], int]) -> 
     return model
 
 
-def rate_of(support: Support) -> float:
+def rate_of(support: Support, slope: float | None = None) -> float:
     """Return a bound of the excitation's frequencies and of the norm of A [1/s].
 
-    See `mm_gym.law.bounds.fastest_rate`. Here w, the norm of the undamped motion, and s, that of
-    the damping, are not added: the norm of A is at most that of [[0, w], [w, s]].
+    The slope [N s/m] is that of the interface, by default the steepest. See
+    `mm_gym.law.bounds.fastest_rate`. Here w, the norm of the undamped motion, and s, that of the
+    damping, are not added: the norm of A is at most that of [[0, w], [w, s]].
     """
-    half = 0.5 * fastest_decay(support)
+    half = 0.5 * fastest_decay(support, slope)
     rate = half + math.hypot(half, fastest_oscillation(support))
     return max(rate, float(support.frequencies.max(initial=0.0)))
 

@@ -39,7 +39,7 @@ TIGHTEST = 1e-12  # smallest tolerance: the round-off of the steps must not pass
 
 TIGHT = 1e-9
 """Tolerance below which `auto` prefers a series, as it does at it where one is as quick: for the
-cubic spring, and for friction that a series follows to round-off."""
+cubic spring."""
 
 LOOSEST = 5e-3  # tolerance that looser ones are taken for: estimates of larger errors are none
 MARGIN = 0.125  # part of the tolerance that the estimates of all steps may reach together
@@ -116,8 +116,6 @@ class RungeKutta(Method):
             return None
         if support.kind == SMOOTH_NONLINEAR and not support.high[layout.L0] > 0.0:
             return f"solver.tolerance is {TIGHT:g}, where the series costs no more in one motion"
-        if support.kind == PARAMETRIC_SWITCHED_LINEAR:
-            return f"solver.tolerance is {TIGHT:g}, where a series has an error of round-off only"
         return None
 
     def failing(self, support: Support, settings: Settings) -> str | None:

@@ -39,8 +39,8 @@ _ROUGH_DEGREE, _ROUGH_STEPS, _STEPS = 6, 2, 8
 _X1, _OFFSET, _V1, _W, _SIGN, _HELD, _REST, _PIECES, _LANE, _ROWS = range(10)
 
 # Rows of vectors: those of the lanes, then the series of v1 and w.
-_WIDTH = 32
-_SERIES_V1, _SERIES_W, _SIZE = _ROWS, _ROWS + _WIDTH, _ROWS + 2 * _WIDTH
+WIDTH = 32
+SERIES_V1, SERIES_W, _SIZE = _ROWS, _ROWS + WIDTH, _ROWS + 2 * WIDTH
 
 
 @kernel
@@ -185,7 +185,7 @@ def _take_piece(model, waiting, b, kind, first):
         stays = (following >= 0.0) & (both >= room) & (2.0 * span - both >= room)
         found, turned = where(stays, length, -1.0), zero
         if not none((following < 0.0) & (piece < 0.0)):
-            exit_at = _exit(b, degree, (side, gap, following), (bend, span), length)
+            exit_at = exit_of(b, degree, (side, gap, following), (bend, span), length)
             found = where(exit_at >= 0.0, exit_at, found)
             turned = where(exit_at >= 0.0, side, turned)
         turn, reached = where(piece < 0.0, turned, turn), where(piece < 0.0, w + change, reached)
@@ -220,13 +220,13 @@ def _expand(model, k, b, z, degree):
     held = fma(model[k + 5], z[4], model[k + 6] * z[5])
     inner = fma(model[k + 3], z[1], fma(model[k + 4], z[3], held))
     v, w = inner - outer, fma(-ratio, inner, outer)
-    b[_SERIES_V1], b[_SERIES_W], b[_SERIES_V1 + 1], b[_SERIES_W + 1] = v_before, w_before, v, w
+    b[SERIES_V1], b[SERIES_W], b[SERIES_V1 + 1], b[SERIES_W + 1] = v_before, w_before, v, w
     for n in range(1, degree):
         own = k + slots.NEXT + slots.TERM * n
         outer = fma(model[own + 1], v, model[own] * v_before)
         inner = fma(model[own + 3], w, model[own + 2] * w_before)
         v_before, w_before, v, w = v, w, inner - outer, fma(-ratio, inner, outer)
-        b[_SERIES_V1 + n + 1], b[_SERIES_W + n + 1] = v, w
+        b[SERIES_V1 + n + 1], b[SERIES_W + n + 1] = v, w
 
 
 @inlined_kernel
@@ -241,7 +241,7 @@ def _bend(model, k, b, z):
     """Return the bound of h**2 |w''| / 2 over a sample interval h that begins now [m/s]."""
     sizes = (abs(z[0]), abs(z[1]), abs(z[2]), abs(z[3]), abs(z[4]), abs(z[5]))
     half_square = 0.5 * model[slots.WHOLE] * model[slots.WHOLE]
-    second = abs(b[_SERIES_W + 2]) * (model[k + slots.GAIN_OF_SECOND] / half_square)
+    second = abs(b[SERIES_W + 2]) * (model[k + slots.GAIN_OF_SECOND] / half_square)
     return _row(model, k + slots.GAINS, sizes) + second
 
 
@@ -251,12 +251,12 @@ def _change_and_rate(b, t, degree):
     value = rate = alike(t, 0.0)
     for n in range(degree, 0, -1):
         rate = fma(rate, t, value)
-        value = fma(value, t, b[_SERIES_W + n])
+        value = fma(value, t, b[SERIES_W + n])
     return value * t, fma(rate, t, value)
 
 
 @inlined_kernel
-def _exit(b, degree, gaps, bounds, length):
+def exit_of(b, degree, gaps, bounds, length):
     """Return the first exit from the regime within a length, or -1 where none is proved.
 
     Parameters
@@ -291,7 +291,7 @@ def _exit(b, degree, gaps, bounds, length):
     # It is the first one if the gap falls all the way, or is too large to vanish before.
     bent = bend * t
     first = larger(
-        larger(gap - bent * t, -slope - 2.0 * bent), -side * b[_SERIES_W + 1] - 2.0 * bent
+        larger(gap - bent * t, -slope - 2.0 * bent), -side * b[SERIES_W + 1] - 2.0 * bent
     )
     proved = (first >= 0.0) & (slope < 0.0) & (2.0 * span - gap >= bent * t)
     return where(proved & (following < 0.0) & (moves == 0.0), t, -1.0)
@@ -310,8 +310,8 @@ def _evaluate(model, k, b, z, t, degree):
     """
     x1 = offset = v1 = alike(t, 0.0)
     for n in range(degree, 0, -1):
-        v, over = b[_SERIES_V1 + n], model[k + slots.NEXT + slots.TERM * n + 4]
-        x1, offset = fma(x1, t, over * v), fma(offset, t, over * b[_SERIES_W + n])
+        v, over = b[SERIES_V1 + n], model[k + slots.NEXT + slots.TERM * n + 4]
+        x1, offset = fma(x1, t, over * v), fma(offset, t, over * b[SERIES_W + n])
         v1 = fma(v1, t, v)
     over = model[k + slots.NEXT + 4]
     x1, offset = fma(x1, t, over * z[2]), fma(offset, t, over * z[3])

@@ -9,30 +9,36 @@ import numpy as np
 
 from mm_gym.arrays import Array
 from mm_gym.compiler.jit import plain
+from mm_gym.excitation import sources
 from mm_gym.lanes import layout
 from mm_gym.law import dry_friction
 from mm_gym.methods.base import (
     ROUND_OFF,
     ExactMethod,
+    Method,
+    Option,
     Settings,
     degree,
     header,
     refuse_long_interval,
     refuse_overflow,
 )
+from mm_gym.methods.linear_series.method import TIGHT, TIGHTEST, degree_of, rate_of
 from mm_gym.methods.support import (
     PARAMETRIC_SWITCHED_LINEAR,
     SWITCHED_LINEAR,
     fastest_oscillation,
     fastest_rate,
 )
-from mm_gym.methods.switched import kernel, series_kernel
+from mm_gym.methods.switched import kernel, lanes_kernel, series_kernel
 from mm_gym.methods.switched import layout as switched
 from mm_gym.state_space.equations import slip_space, values_of
 from mm_gym.state_space.matrix_exponential import halved_exponentials
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from mm_gym.methods.support import Support
@@ -124,31 +130,85 @@ class Switched(ExactMethod):
         return f"7 products with {inputs} inputs; a series of degree {terms} per change of regime"
 
 
-class SwitchedSeries(ExactMethod):
+class _OfLanes(Method):
+    """What the series for stick and slip have in common."""
+
+    kinds = (PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR)
+    entries = build(lanes_kernel.propagate, stops_at_corners=True)
+
+    def limit(self, support: Support) -> str | None:
+        """Return why not, where the excitation is fast or manifold."""
+        return sources.obstacle(support.frequencies, support.terms, support.sample_interval)
+
+    def cost(self, model: Array) -> str:
+        """Return the work of a sample interval, and of a change of regime."""
+        pieces = int(model[lanes_kernel.MOST_PIECES]) - lanes_kernel.SPARE
+        degree = int(model[series_kernel.DEGREE])
+        return f"{pieces} series of degree {degree}, and one more per change of regime"
+
+
+class SwitchedSeries(_OfLanes, ExactMethod):
     """A Taylor series for each regime, on which crossings of the reference velocity are found."""
 
     name = "switched"
     title = "a series for stick and slip"
     how = (
         "a Taylor series, cut off below round-off, for each regime; "
-        "crossings of the reference velocity found on it"
+        "crossings of the reference velocity found on it, all lanes side by side"
     )
-    kinds = (PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR)
-    entries = build(series_kernel.propagate, stops_at_corners=True)
     held = "held actuators, every crossing found"
 
     def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
-        """Return the degree of the series."""
-        phase = fastest_rate(support) * support.sample_interval
-        refuse_long_interval(support, phase, LONGEST_INTERVAL)
-        model = header(support, 1)
-        model[series_kernel.DEGREE] = degree(LONGEST_SERIES)
-        return model
+        """Return the degree of the series and the longest piece."""
+        return _series_model(support, lambda phase, _: degree(phase))
 
-    def cost(self, model: Array) -> str:
-        """Return the work of a time constant, and of a change of regime."""
-        degree = int(model[series_kernel.DEGREE])
-        return f"a series of degree {degree} per time constant and change of regime"
+
+class TruncatedSwitched(_OfLanes):
+    """The same, cut off where the tolerance allows."""
+
+    name = "series"
+    title = "the truncated series for stick and slip"
+    how = (
+        "a Taylor series of the lowest degree at which what is cut off is below the tolerance, for "
+        "each regime; crossings of the reference velocity found on it, all lanes side by side"
+    )
+    option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
+    tightest = TIGHTEST
+
+    def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002
+        """Return why `auto` takes an exact method at tight tolerances."""
+        if settings.tolerance > TIGHT:
+            return None
+        return f"solver.tolerance is {TIGHT:g} or less, where an exact method costs little more"
+
+    def model(self, support: Support, settings: Settings) -> Array:
+        """Return the degree of the series and the longest piece."""
+        tolerance, order = settings.tolerance, 2 if support.ground else 1
+        return _series_model(
+            support, lambda phase, parts: degree_of(phase, tolerance / parts, order)
+        )
+
+    def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
+        """Return the order."""
+        return "the number of derivatives"
+
+
+def _series_model(support: Support, degree_of_piece: Callable[[float, float], int]) -> Array:
+    """Return the constants of the kernel; the degree is that of a phase and of so many pieces."""
+    refuse_long_interval(support, fastest_rate(support) * support.sample_interval, LONGEST_INTERVAL)
+    slopes = support.steepest, float(support.high[layout.CHI])
+    phases = np.array([rate_of(support, slope) * support.sample_interval for slope in slopes])
+    pieces = np.maximum(1.0, np.ceil(phases / LONGEST_SERIES))
+    parts = pieces.max() * support.intervals_per_step
+    # What the last term of a jet causes begins so much later.
+    terms = degree_of_piece((phases / pieces).max(), parts) + max(support.terms - 1, 0)
+    model = header(support, lanes_kernel.END - layout.MODEL_OWN)
+    model[series_kernel.DEGREE] = min(terms, lanes_kernel.WIDTH - 1)  # 31, where 25 are exact
+    longest = support.sample_interval / pieces
+    model[lanes_kernel.LONGEST : lanes_kernel.LONGEST + 2] = longest
+    model[lanes_kernel.MOST_PIECES] = pieces.max() + lanes_kernel.SPARE
+    model[lanes_kernel.RECIPROCALS : lanes_kernel.END] = 1.0 / np.arange(1, lanes_kernel.WIDTH + 1)
+    return model
 
 
 def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> Array:

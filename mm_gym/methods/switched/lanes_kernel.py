@@ -1,0 +1,201 @@
+"""The series of `series_kernel` on LANES lanes at a time, each with parameters of its own.
+
+Every lane goes on by pieces: to the end of what is left of the sample interval, or as far as a
+series goes, where the slip velocity w provably stays in its regime; else to the first crossing;
+else, where neither is proved, it tries half the piece. Lanes that need too many pieces are left to
+`series_kernel`.
+
+A lane's arithmetic and decisions depend neither on its neighbours nor on their number.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
+from mm_gym.excitation.sources import MOST_ROWS, is_excited, load_sources, series_of_sources
+from mm_gym.lanes import layout
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
+from mm_gym.lanes.groups import read, write, write_states
+from mm_gym.lanes.memory import on_cache_line
+from mm_gym.lanes.simd import LANES, alike, everywhere
+from mm_gym.lanes.simd_masks import all_hold, bits, lowest, none, smaller, where
+from mm_gym.lanes.simd_memory import rows_of
+from mm_gym.law.dry_friction import slip_intercept
+from mm_gym.law.motion import control_forces
+from mm_gym.law.springs import stiffness
+from mm_gym.methods.switched import series_kernel
+from mm_gym.methods.switched.blocks_kernel import SERIES_V1, SERIES_W, WIDTH, exit_of
+
+SPARE = 32
+"""Pieces of a sample interval that may be tried for the sake of crossings."""
+
+# Slots of the model behind the degree: the longest piece [s] in stick, and in slip behind it; the
+# pieces that may be tried; and 1 / n from n = 1 on.
+LONGEST, MOST_PIECES, RECIPROCALS = (series_kernel.DEGREE + k for k in (1, 3, 4))
+END = RECIPROCALS + WIDTH
+
+# Rows of vectors behind the series of v1 and w: those of the carriage's force and of the ground's
+# acceleration, and what they follow from.
+_FORCE = SERIES_W + WIDTH
+_GROUND = _FORCE + WIDTH
+_SOURCES = _GROUND + WIDTH
+_SIZE = _SOURCES + MOST_ROWS
+
+
+@kernel
+def propagate(model, lanes, first, last):
+    """Advance the lanes by one sample interval; force and stretch are held over it."""
+    status, b = layout.OK, rows_of(on_cache_line(_SIZE * LANES))
+    for i in range(first, last, LANES):
+        left = _advance(model, lanes, b, i, min(LANES, last - i))
+        while left != 0:
+            lane = i + lowest(left)
+            left &= left - 1
+            status = max(status, series_kernel.propagate(model, lanes, lane, lane + 1))
+    return status
+
+
+@borrowing_kernel
+def _advance(model, lanes, b, i, count):
+    """Advance the lanes i .. i + count - 1; return the bits of those that are left as they were."""
+    prefer_widest_vectors()
+    stay_apart()
+    interval, degree = model[layout.SAMPLE_INTERVAL], int(model[series_kernel.DEGREE])
+    p, vr = _parameters(model, lanes, i, count)
+    x1, v1 = read(lanes, layout.X1, i, count), read(lanes, layout.V1, i, count)
+    offset, w = read(lanes, layout.X2, i, count) - x1, read(lanes, layout.V2, i, count) - v1
+    zero, one = everywhere(0.0), everywhere(1.0)
+    regime = where(w > vr, one, where(w < -vr, -one, zero))
+    rest = everywhere(interval)
+    unit, excited = smaller(rest, _longest(model, regime)), is_excited(model)
+    if excited:
+        load_sources(model, lanes, i, count, b, _SOURCES)
+    for _ in range(int(model[MOST_PIECES])):
+        if excited:
+            piece, targets = (interval - rest, unit), (_FORCE, _GROUND)
+            series_of_sources(model, b, _SOURCES, piece, targets, degree)
+        z, regime, rest, unit = _take(model, b, p, vr, (x1, offset, v1, w), regime, rest, unit)
+        x1, offset, v1, w = z
+        if none(rest > 0.0):
+            break
+    if count == LANES and none(rest > 0.0):
+        write_states(lanes, i, x1, x1 + offset, v1, v1 + w)
+        return 0
+    left = bits(rest > 0.0) & ((1 << count) - 1)
+    for row, value in ((layout.X1, x1), (layout.X2, x1 + offset)):
+        write(lanes, row, i, count, where(rest > 0.0, read(lanes, row, i, count), value))
+    for row, value in ((layout.V1, v1), (layout.V2, v1 + w)):
+        write(lanes, row, i, count, where(rest > 0.0, read(lanes, row, i, count), value))
+    return left
+
+
+@inlined_kernel
+def _longest(model, regime):
+    """Return the longest piece [s] in a regime."""
+    return where(regime == 0.0, model[LONGEST], alike(regime, model[LONGEST + 1]))
+
+
+@inlined_kernel
+def _parameters(model, lanes, i, count):
+    """Return what the equations need, over m1 but for the ratio of both masses, and v_r [m/s]."""
+    by_m1 = 1.0 / read(lanes, layout.M1, i, count)
+    k1 = by_m1 * (read(lanes, layout.K1, i, count) * read(lanes, layout.ALPHA, i, count))
+    k2 = by_m1 * stiffness(read(lanes, layout.K0, i, count), read(lanes, layout.STRETCH, i, count))
+    vr, chi = read(lanes, layout.VR, i, count), read(lanes, layout.CHI, i, count)
+    intercept = slip_intercept(read(lanes, layout.KINETIC_FORCE, i, count), chi, vr)
+    pair, held = control_forces(model, by_m1 * read(lanes, layout.FORCE, i, count))
+    ratio = 1.0 + read(lanes, layout.M1, i, count) / read(lanes, layout.M2, i, count)
+    springs = k1, by_m1 * read(lanes, layout.D, i, count), k2, ratio
+    lines = by_m1 * read(lanes, layout.C, i, count), by_m1 * chi, by_m1 * intercept
+    return (springs, lines, (pair, held, by_m1)), vr
+
+
+@inlined_kernel
+def _take(model, b, p, vr, z, regime, rest, unit):
+    """Advance by a piece, or halve it.
+
+    Returns
+    -------
+    tuple
+        The state x1, x2 - x1, v1, w [m, m/s]; the regime; what is left of the sample interval, and
+        the next piece [s]. A lane of which nothing is left does not move.
+    """
+    (x1, offset, v1, w), degree = z, int(model[series_kernel.DEGREE])
+    moved, change, bend = _expand(model, b, p, z, regime, unit)
+    zero, one = everywhere(0.0), everywhere(1.0)
+    sticks = regime == 0.0
+    side = where(sticks, where(w + change > 0.0, -one, one), regime)
+    # The gap to the nearest boundary is edge + side w, that to the other one is span less that.
+    edge, span = where(sticks, vr, -vr), where(sticks, 2.0 * vr, everywhere(np.inf))
+    gap, room = fma(side, w, edge), 0.5 * bend
+    following = fma(side, change, gap)
+    both = gap + following
+    stays = (following >= 0.0) & (both >= room) & (2.0 * span - both >= room)
+    y1, y2, u1, u2, passed = moved[0], moved[1], moved[2], w + change, unit
+    next_unit = rest
+    if not all_hold(stays):
+        t = exit_of(b, degree, (side, gap, following), (room, span), one)
+        t = where(stays, -one, t)
+        crosses, fraction = t >= 0.0, where(t > 0.0, t, zero)
+        e1, e2, s1 = _evaluate(model, b, z, unit, fraction)
+        y1 = where(stays, y1, where(crosses, e1, x1))
+        y2 = where(stays, y2, where(crosses, e2, offset))
+        u1 = where(stays, u1, where(crosses, s1, v1))
+        u2 = where(stays, u2, where(crosses, -edge * side, w))
+        regime = where(crosses, where(sticks, -side, zero), regime)
+        passed = where(stays, unit, fraction * unit)
+        next_unit = where(stays, rest, where(crosses, rest, 0.5 * unit))
+    rest = rest - passed
+    return (
+        (y1, y2, u1, u2),
+        regime,
+        rest,
+        smaller(smaller(next_unit, _longest(model, regime)), rest),
+    )
+
+
+@inlined_kernel
+def _expand(model, b, p, z, regime, unit):
+    """Write the series of v1 and w; return what both add to a state in a unit of time [s].
+
+    Returns
+    -------
+    tuple
+        x1, x2 - x1 and v1 a unit later; the change of w, and a bound of unit**2 |w''| [m/s].
+    """
+    (x1, offset, v1, w), degree = z, int(model[series_kernel.DEGREE])
+    (k1, d, k2, ratio), (stick, chi, intercept), (pair, push, by_m1) = p
+    slope, excited = where(regime == 0.0, stick, chi), is_excited(model)
+    between, zero = fma(regime, intercept, pair), everywhere(0.0)
+    y1, y2, u1, change, bend, ground = x1, offset, v1, zero, zero, zero
+    b[SERIES_V1], b[SERIES_W] = v1, w
+    for n in range(degree):
+        step = unit * model[RECIPROCALS + n]
+        if excited:
+            push, ground = fma(by_m1, b[_FORCE + n], push), b[_GROUND + n]
+        inner = fma(slope, w, fma(k2, offset, between))
+        outer = fma(d, v1, fma(k1, x1, -push))
+        x1, offset = step * v1, step * w
+        # (1) of docs/model.md; (2) less (1), and not v2 - v1: near a stiff stick its digits would
+        # cancel.
+        v1, w = step * (inner - outer - ground), step * fma(-ratio, inner, outer)
+        between, push = zero, zero
+        y1, y2, u1, change = y1 + x1, y2 + offset, u1 + v1, change + w
+        bend = fma(n * (n + 1.0), abs(w), bend)
+        b[SERIES_V1 + n + 1], b[SERIES_W + n + 1] = v1, w
+    return (y1, y2, u1), change, bend
+
+
+@inlined_kernel
+def _evaluate(model, b, z, unit, t):
+    """Return x1, x2 - x1 and v1 at a part t of a unit of time, from the series of v1 and w."""
+    x1 = offset = v1 = everywhere(0.0)
+    degree = int(model[series_kernel.DEGREE])
+    for n in range(degree, 0, -1):
+        v, over = b[SERIES_V1 + n], model[RECIPROCALS + n]
+        x1, offset = fma(x1, t, over * v), fma(offset, t, over * b[SERIES_W + n])
+        v1 = fma(v1, t, v)
+    time = unit * t
+    x1, offset = fma(x1, t, z[2]), fma(offset, t, z[3])
+    return fma(time, x1, z[0]), fma(time, offset, z[1]), fma(v1, t, z[2])
