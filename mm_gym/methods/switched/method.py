@@ -62,6 +62,10 @@ LONGEST_DECAY = 2.0**28
 """Longest sample interval, in units of the shortest time constant: the slow motion after a fast
 decay takes few halved intervals."""
 
+STIFF = 200.0
+"""Length of a sample interval, in units of the shortest time constant, from which halved intervals
+are quicker than series side by side."""
+
 FINER = 3  # further halvings of the last level, at which |w''| is sampled
 MOST_SAMPLES = 1 << 15  # largest number of samples of |w''| in a regime
 
@@ -86,6 +90,13 @@ class Switched(ExactMethod):
     entries = build(kernel.propagate, whole=kernel.propagate_whole)
     held = "a held force, every crossing found"
 
+    def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002
+        """Return why `auto` prefers a series where the matrices' lanes go one by one."""
+        phase = fastest_rate(support) * support.sample_interval
+        if _is_plain(support, phase) or phase > STIFF or SwitchedSeries().limit(support):
+            return None
+        return "lanes that change their regime would be followed one after the other"
+
     def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the transition matrices of both regimes over the interval and its halves."""
         low = support.low
@@ -107,7 +118,7 @@ class Switched(ExactMethod):
         lines = (stick, Decimal(0)), (chi, intercept)
         with refuse_overflow(support):
             regimes = [_regime(support, *line, levels).ravel() for line in lines]
-            is_plain = levels == 0 and not support.ground
+            is_plain = _is_plain(support, phase)
             terms = max(_terms(support, *line, degree(phase)) for line in lines) if is_plain else 0
             series = [_series(support, *line, terms) for line in lines] if is_plain else []
         model = header(support, switched.REGIMES - layout.MODEL_OWN)
@@ -209,6 +220,11 @@ def _series_model(support: Support, degree_of_piece: Callable[[float, float], in
     model[lanes_kernel.MOST_PIECES] = pieces.max() + lanes_kernel.SPARE
     model[lanes_kernel.RECIPROCALS : lanes_kernel.END] = 1.0 / np.arange(1, lanes_kernel.WIDTH + 1)
     return model
+
+
+def _is_plain(support: Support, phase: float) -> bool:
+    """Return whether one interval is enough, and nothing excites the plant in it."""
+    return phase <= LONGEST_SERIES and not support.ground
 
 
 def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> Array:
