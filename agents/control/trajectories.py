@@ -10,7 +10,7 @@ from mm_gym import DesignError, Plant, Scene
 from mm_gym.arrays import Array
 from mm_gym.plant import central_differences, difference_steps
 from mm_gym.scene import Objective
-from mm_gym.sensitivity import Actuator, Sensitivities, expected, sweep
+from mm_gym.sensitivity import TOLERANCE, Actuator, Sensitivities, expected, sweep
 
 Indices = NDArray[np.intp]
 
@@ -85,6 +85,8 @@ class Trajectories:
         Steps that are planned; by default an episode's.
     foresees
         Whether noise and random impulses to come are known, or their mean is expected.
+    tolerance
+        Of motion and derivatives, where an interface is followed by Runge-Kutta steps.
 
     Attributes
     ----------
@@ -101,6 +103,7 @@ class Trajectories:
         ahead: int | None = None,
         *,
         foresees: bool = True,
+        tolerance: float = TOLERANCE,
     ) -> None:
         if scene.own_reward is not None:
             msg = (
@@ -108,7 +111,7 @@ class Trajectories:
                 "scene's objective, a sum of squares"
             )
             raise DesignError(msg)
-        objective = scene.objective
+        objective, self._tolerance = scene.objective, tolerance
         self.ends = ends_of(objective)
         self.start = start["values"], start["streams"]
         self.support, self.constants = plant.support, (plant.model, plant.task)
@@ -273,7 +276,7 @@ class Trajectories:
     def _lanes(self, episodes: Indices) -> Sensitivities:
         values, streams = self.start
         lanes = values[:, episodes], streams[:, episodes]
-        return Sensitivities(self.support, self.constants, lanes)
+        return Sensitivities(self.support, self.constants, lanes, tolerance=self._tolerance)
 
     def _action(self, controls: Array, applied: Array, reach: Array) -> Array:
         if not self._by_change.any():

@@ -13,6 +13,10 @@ from mm_gym.arrays import Array
 
 SEED = 5_000_000
 
+TOLERANCE = 1e-3
+"""Of the motion that is foreseen, where an interface is followed by Runge-Kutta steps: plans are
+made anew in each control step, and the motion by then differs from it by much more."""
+
 NEAR = 0.3  # standard deviation of how far plans are from the last step's [-]; of random ones 1
 
 
@@ -70,7 +74,9 @@ class NewtonPredictiveControl(Law):
             env = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled")
             env.reset(seed=0)
             start = env.get_state()
-            self._problems[lanes] = Trajectories(self.scene, env.plant, start, self.steps.horizon)
+            self._problems[lanes] = Trajectories(
+                self.scene, env.plant, start, self.steps.horizon, tolerance=TOLERANCE
+            )
         return self._problems[lanes]
 
     def action(self, memory: Memory, state: Array, applied: Array) -> Acted:

@@ -35,6 +35,10 @@ from mm_gym import Scene
 
 BIASES = ("bias", "last")
 
+TOLERANCE = 1e-3
+"""Of the motion of a training, where an interface is followed by Runge-Kutta steps: slopes are then
+known to a part of 1e-4, far below what they differ by from one draw of episodes to the next."""
+
 
 def descend(settings: GradientSettings, run: Run, *, bar: bool = True) -> None:
     """Train until iterations or time are used up, and write the best policy to the run's folder.
@@ -75,7 +79,7 @@ class Descent(Following):
         self.start = evolved.policy(evolved.first(self.generator))
         most = STEEPEST if own and self.odd else MOST
         self.parts = [
-            (Episodes(one, count, most), Network(self.start, one.control.steps, count))
+            (Episodes(one, count, most, TOLERANCE), Network(self.start, one.control.steps, count))
             for one, count in settings.scenes(scene, settings.episodes)
         ]
         self.network = self.parts[0][1]

@@ -11,7 +11,7 @@ from mm_gym import ActionError, DesignError, MovingMassVectorEnv, Scene
 from mm_gym.arrays import Array, Single
 from mm_gym.errors import refuse
 from mm_gym.plant import Outputs
-from mm_gym.sensitivity import Sensitivities
+from mm_gym.sensitivity import TOLERANCE, Sensitivities
 
 MOST = 10.0  # largest slope of a lane over the median of all lanes, by default
 
@@ -33,10 +33,14 @@ class Episodes:
         Number of episodes.
     most
         Largest slope of a lane over the median of all lanes.
+    tolerance
+        Of the motion and its derivatives, where an interface is followed by Runge-Kutta steps.
     """
 
-    def __init__(self, scene: Scene, lanes: int, most: float = MOST) -> None:
-        objective = scene.objective
+    def __init__(
+        self, scene: Scene, lanes: int, most: float = MOST, tolerance: float = TOLERANCE
+    ) -> None:
+        objective, self._tolerance = scene.objective, tolerance
         if objective.displacement_limit or objective.rail_half_length:
             msg = "objective: gradients need episodes that do not end early; remove its limits"
             raise DesignError(msg)
@@ -55,7 +59,8 @@ class Episodes:
         observation, _ = self.env.reset(seed=list(seeds))
         start, plant = self.env.get_state(), self.env.plant
         lanes = start["values"], start["streams"]
-        self.physics = Sensitivities(plant.support, (plant.model, plant.task), lanes)
+        constants = plant.model, plant.task
+        self.physics = Sensitivities(plant.support, constants, lanes, tolerance=self._tolerance)
         self.outputs = Outputs(self.env.scene, plant, self.physics)
         return observation
 

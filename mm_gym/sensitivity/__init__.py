@@ -9,5 +9,6 @@ term.
 from mm_gym.sensitivity.actuators import Actuator as Actuator
 from mm_gym.sensitivity.jacobian import Jacobian as Jacobian
 from mm_gym.sensitivity.jacobian import Sensitivities as Sensitivities
+from mm_gym.sensitivity.model import TOLERANCE as TOLERANCE
 from mm_gym.sensitivity.model import expected as expected
 from mm_gym.sensitivity.sweep_kernel import sweep as sweep

@@ -20,7 +20,7 @@ from mm_gym.methods.support import LINEAR, MASSLESS, Support
 from mm_gym.sensitivity import layout as slots
 from mm_gym.sensitivity import tangent_kernel
 from mm_gym.sensitivity.actuators import Actuator, actuators_of, slopes
-from mm_gym.sensitivity.model import control_step, model_of, parameter_maps
+from mm_gym.sensitivity.model import TOLERANCE, control_step, model_of, parameter_maps
 from mm_gym.sensitivity.step_kernel import by_cubic_series, by_linear_series, by_series, step_by
 
 Numbers = NDArray[np.uint64]
@@ -77,6 +77,8 @@ class Sensitivities:
         Dotted name -> row of the parameters whose derivatives are wanted too.
     by_tangents
         Whether tangents do all of it, also where a hand-written kernel is quicker: to compare them.
+    tolerance
+        Of Runge-Kutta steps, which follow an interface that is known by its value only.
 
     Attributes
     ----------
@@ -92,6 +94,7 @@ class Sensitivities:
         parameters: dict[str, int] | None = None,
         *,
         by_tangents: bool = False,
+        tolerance: float = TOLERANCE,
     ) -> None:
         (model, task), (values, streams) = constants, lanes
         self.task, self.count, self.rows = task, values.shape[1], len(values)
@@ -110,7 +113,7 @@ class Sensitivities:
             kernels, width = _kernels(support, causes, by_tangents=by_tangents)
             at_once = self._at_once = max(width - states, 1)
             self._models = [
-                model_of(support, causes[first : first + at_once], self.rows, width)
+                model_of(support, causes[first : first + at_once], self.rows, width, tolerance)
                 for first in range(0, max(len(causes), 1), at_once)
             ]
             tail = slots.TANGENTS + states * width

@@ -30,7 +30,9 @@ too many."""
 _RUNGE_KUTTA = RungeKutta()
 
 
-def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> Array:
+def model_of(
+    support: Support, causes: Sequence[int], rows: int, width: int, tolerance: float = TOLERANCE
+) -> Array:
     """Return the model that follows the state and some causes, the rows of parameters.
 
     Parameters
@@ -43,10 +45,12 @@ def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> 
         Number of the plant's own rows of a lane.
     width
         Columns of deviations that the kernel has, at least those of the state and the causes.
+    tolerance
+        Of motion and deviations by Runge-Kutta steps.
     """
     model = header(support, slots.CAUSES - layout.MODEL_OWN + width)
     if support.is_general:
-        settings = Settings(TOLERANCE, 1)
+        settings = Settings(tolerance, 1)
         planned = _RUNGE_KUTTA.planned(support, settings)
         if planned is None:
             reason = _RUNGE_KUTTA.obstacle(support, settings)

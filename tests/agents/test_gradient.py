@@ -213,6 +213,19 @@ def policy_for(scene, seed=1, *, knows_action=False, settles=False):
     return policy_of(parameters, policy)
 
 
+def test_training_follows_an_interface_within_a_tolerance_of_its_own():
+    changes = {"control.steps": 5, **HYSTERESIS}
+    settings = TINY.model_copy(update={"task": "mm_gym/CarriageForce-v0", "changes": changes})
+    scene = settings.rewarded_scene()
+    ((own, _),) = Descent(settings, scene).parts
+    exact, action = Episodes(scene, own.lanes), np.full((1, own.lanes), 0.5)
+    for one in (own, exact):
+        one._begin(range(own.lanes))
+    found, known = own.physics.jacobian(action).state, exact.physics.jacobian(action).state
+    assert np.any(found != known)  # steps are ten times as quick
+    np.testing.assert_allclose(found, known, rtol=1e-2, atol=1e-3 * np.abs(known).max())
+
+
 class TestGradients:
     @pytest.mark.parametrize("feedback", [0.0, 1.0])
     @pytest.mark.parametrize("kind", SCENES)
