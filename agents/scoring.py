@@ -181,6 +181,7 @@ def evaluate(
     initial = info["applied"].copy()
     lived, early, step = np.zeros(episodes, np.int64), np.zeros(episodes, np.bool_), 0
     final, penalty = most**2 if scene.own_reward is None else np.inf, np.zeros(episodes)
+    at_edge = limit_penalty(scene)
     for step, made in enumerate(rollout):
         for record in (displacement, applied):
             record[step] = record[step - 1]
@@ -193,12 +194,12 @@ def evaluate(
         ended = made.terminated & ran
         early |= ended
         penalty[ran] -= made.reward[ran] / steps
-        penalty[ended] += (2.0 - lived[ended] / steps) * limit_penalty(scene)
+        penalty[ended] += (2.0 - lived[ended] / steps) * at_edge
         if tail_mean(penalty, worst) > final * CERTAIN:
             break
     for record in (displacement, applied):
         record[step + 1 :] = record[step]
-    limit = np.maximum(limit_penalty(scene), (-rewards).max(axis=0))
+    limit = np.maximum(at_edge, (-rewards).max(axis=0))
     penalties = -rewards.mean(axis=0) + early * (1.0 + (steps - lived) / steps) * limit
     require_root(scene, float(np.mean(penalties)))
     work = None

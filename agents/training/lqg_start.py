@@ -45,7 +45,8 @@ def lqg_start(shown: Shown) -> Start:
             except DesignError as error:
                 reasons.append(error)
             else:
-                found[numbers] = start.cost(shown.scene), start
+                least = min((cost for cost, _ in found.values()), default=np.inf)
+                found[numbers] = start.cost(shown.scene, least), start
         if not found:
             raise reasons[0]
         return min(found, key=lambda numbers: found[numbers][0])

@@ -7,6 +7,7 @@ of 0.97 forgets within a sixth of a period where a period has two hundred contro
 """
 
 import os
+import sys
 
 import numpy as np
 
@@ -88,7 +89,10 @@ def for_own_scene(settings: TrainSettings, run: Run) -> TrainSettings:
     before = run.read()["settings"] if os.path.lexists(run.record) else {}
     if base is None and before:
         base = before.get("base") or NO_BASE
-    base = base or best_controller(scene, plans=False).name
+    if base is None:  # the training seems to hang otherwise
+        told = "looking for the best controller to train around, for a minute or two"
+        print(f"{told}; --base NAME or --base none saves it", file=sys.stderr)
+        base = best_controller(scene, plans=False).name
     measured = {"discount", "initial_log_std"} - chosen.model_fields_set
     known: dict[str, object] = before.get(settings.algorithm) or {}
     changes = {name: known[name] for name in measured & known.keys()}

@@ -4,6 +4,8 @@ No search returns a worse agent than the best classical controller of its scene.
 """
 
 import copy
+import math
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.control.controller import Controller
+from agents.control.controller import Acted, Controller, Info, Memory, Observation
 from agents.control.feedback import Feedback
 from agents.controllers.adjustable import Adjustable, Scheduled, adjustable
 from agents.controllers.choices import recorded
@@ -204,14 +206,40 @@ It is scored on all of them only then. One that costs the same in truth is left 
 100 cases."""
 
 
+class TooSlowError(RuntimeError):
+    """A controller takes more time than it is given."""
+
+
+class _Hurried(Controller):
+    """A controller that is given so much time [s], then raises `TooSlowError`."""
+
+    def __init__(self, controller: Controller, seconds: float) -> None:
+        self.controller, self.name, self.reads = controller, controller.name, controller.reads
+        self.until = time.perf_counter() + seconds
+
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        return self.controller.begin(env)
+
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        if time.perf_counter() > self.until:
+            raise TooSlowError(self.name)
+        return self.controller.propose(memory, observation, info)
+
+    def note(self, memory: Memory, action: Array) -> Memory:
+        return self.controller.note(memory, action)
+
+
 class Best(NamedTuple):
     """A controller of a scene."""
 
     name: str  # the one that commands take
     cost: float  # on the validation episodes, on which it was tuned [-]
+    left_out: str | None = None  # name of one that took too long to be scored
 
 
-def best_controller(scene: Scene, *, plans: bool = True, worst: float = 1.0) -> Best:
+def best_controller(
+    scene: Scene, *, plans: bool = True, worst: float = 1.0, seconds: float = math.inf
+) -> Best:
     """Return the controller of least validation cost, of those that read the observation alone.
 
     It is no control where none costs less. Raise `SceneError` or `CompileError` if there is nothing
@@ -225,27 +253,32 @@ def best_controller(scene: Scene, *, plans: bool = True, worst: float = 1.0) -> 
         Whether predictive control by plans of its own is among them.
     worst
         Share of the episodes, those that cost most, whose mean is the cost.
+    seconds
+        Longest time [s] of scoring these plans, after which they are left out.
     """
     MovingMassVectorEnv(scene, 1).close()
-    return once(_best, scene, plans, worst)
+    return once(_best, scene, plans, worst, seconds if plans else math.inf)
 
 
-def _best(scene: Scene, plans: bool, worst: float) -> Best:  # noqa: FBT001 - an argument of `once`
+def _best(scene: Scene, plans: bool, worst: float, seconds: float) -> Best:  # noqa: FBT001 - an argument of `once`
     if not plans:
         names = [name for name in laws(scene) if name not in {RANDOM, PLANS}]
         return Best(*least(names, lambda name, most: _cost(scene, name, worst, most)))
-    best = once(_best, scene, False, worst)
-    if all(_may_be_best(scene, best, worst, episodes) for episodes in FEW):
-        found = Best(PLANS, _cost(scene, PLANS, worst, best.cost))
-        return min(best, found, key=lambda one: one.cost)
+    best, until = once(_best, scene, False, worst, math.inf), time.perf_counter() + seconds
+    try:
+        if all(_may_be_best(scene, best, worst, episodes, until) for episodes in FEW):
+            found = Best(PLANS, _cost(scene, PLANS, worst, best.cost, until))
+            return min(best, found, key=lambda one: one.cost)
+    except TooSlowError:
+        return best._replace(left_out=PLANS)
     return best
 
 
-def _may_be_best(scene: Scene, best: Best, worst: float, episodes: int) -> bool:
+def _may_be_best(scene: Scene, best: Best, worst: float, episodes: int, until: float) -> bool:
     """Tell from some of the episodes whether plans may cost less than the best of others."""
     others = _penalties(scene, best.name, worst, episodes=episodes)
     near = NEAR * float(np.sqrt(tail_mean(others, worst)))
-    plans = _penalties(scene, PLANS, worst, near, episodes)
+    plans = _penalties(scene, PLANS, worst, near, episodes, until=until)
     if np.sqrt(tail_mean(plans, worst)) > near:
         return False
     more = plans - others
@@ -253,9 +286,12 @@ def _may_be_best(scene: Scene, best: Best, worst: float, episodes: int) -> bool:
     return worst < 1.0 or bool(more.mean() <= CLEARLY * error)
 
 
-def _cost(scene: Scene, name: str, worst: float, most: float = np.inf) -> float:
+def _cost(
+    scene: Scene, name: str, worst: float, most: float = np.inf, until: float = math.inf
+) -> float:
     """Return the cost of a controller on the validation episodes, as `validation_cost` does."""
-    return float(np.sqrt(tail_mean(_penalties(scene, name, worst, most), worst)))
+    penalties = _penalties(scene, name, worst, most, until=until)
+    return float(np.sqrt(tail_mean(penalties, worst)))
 
 
 def _penalties(
@@ -264,14 +300,17 @@ def _penalties(
     worst: float,
     most: float = np.inf,
     episodes: int = VALIDATION_EPISODES,
+    *,
+    until: float = math.inf,
 ) -> Array:
     """Return a controller's penalties (episodes,), infinite ones if it has none.
 
-    The episodes are ended once it is known that it costs more than `most`.
+    The episodes are ended once it is known that it costs more than `most`. Raise `TooSlowError` if
+    they last beyond a time of the clock [s].
     """
     found, told = np.full(episodes, np.inf), {"episodes": episodes, "most": most, "worst": worst}
     with suppress(*NOT_SCORED, ActionError, DependencyNotInstalled):
-        controller = laws(scene)[name](scene)
+        controller = _Hurried(laws(scene)[name](scene), until - time.perf_counter())
         if controller.reads == "observation":
             found = evaluate(scene, controller, seed=VALIDATION_SEED, **told).penalties
     return np.where(np.isfinite(found).all(), found, np.inf)

@@ -109,6 +109,7 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     controller: str | None = None
     controller_cost: float | None = None
     numbers: list[float] | None = None  # those that the searches of this controller chose
+    left_out: str | None = None  # name of a controller that took too long to be compared
 
     @classmethod
     def of(cls, run: Progress, scene: Scene, worst: float = 1.0, **told: object) -> Ending:
@@ -155,6 +156,11 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
                 f"{_told(self.controller_cost)} and the best agent {_told(self.cost)}; commands "
                 "that score or export this run therefore take the controller, and "
                 "policy.safetensors holds the agent"
+            )
+        if self.left_out is not None:
+            told.append(
+                f"note: {self.left_out} was not compared, because it takes too long on this scene; "
+                "a larger --time-budget gives it more"
             )
         if self.is_worse:
             kept = "no control" if self.replaced else "the best agent"

@@ -112,10 +112,13 @@ class Start:
             units=self.units,
         )
 
-    def cost(self, scene: Scene) -> float:
-        """Return its cost on the validation episodes, infinite where it is no finite number."""
+    def cost(self, scene: Scene, most: float = np.inf) -> float:
+        """Return its cost on the validation episodes, infinite where it is no finite number.
+
+        Where it is above `most`, it is another number above it, as of `validation_cost`.
+        """
         try:
-            cost = validation_cost(scene, Learned(self.policy()))
+            cost = validation_cost(scene, Learned(self.policy()), most=most)
         except ActionError:  # of an observer that is not stable
             return np.inf
         return cost if np.isfinite(cost) else np.inf
@@ -125,7 +128,9 @@ def best_of(scene: Scene, starts: list[Start], most: float = 1.0) -> Start:
     """Return the first of the starts that costs at most so many times the least."""
     if len(starts) == 1:
         return starts[0]
-    costs = [start.cost(scene) for start in starts]
+    costs: list[float] = []
+    for start in starts:
+        costs.append(start.cost(scene, most * min(costs, default=np.inf)))
     return next(one for one, cost in zip(starts, costs, strict=True) if cost <= most * min(costs))
 
 

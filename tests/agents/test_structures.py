@@ -26,6 +26,7 @@ from agents.policies import load_policy
 from agents.scoring import evaluate, validation_cost
 from agents.training import own_scene, search, shown
 from agents.training import parts as best_of
+from agents.training import start as first
 from agents.training.config import PPOSettings, TrainSettings, settings_from_command_line
 from agents.training.lqg_start import settling
 from agents.training.own_scene import misfits, print_misfits
@@ -34,6 +35,8 @@ from agents.training.progress import read_ending
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 from agents.training.scales import Scales
+from agents.training.start import best_of as best_of_starts
+from agents.training.start import no_control
 from agents.training.starts import start_of
 from mm_gym import Scene, SceneError, compile_scene, load_scene
 from mm_gym.arrays import Array
@@ -325,9 +328,15 @@ def test_predictive_control_is_best_only_where_it_costs_less_on_all_episodes(
     monkeypatch: pytest.MonkeyPatch, on_few: float, spread: float, on_all: float, best: str
 ):
     def penalties(
-        _: Scene, name: str, worst: float, most: float = np.inf, episodes: int = 100
+        _: Scene,
+        name: str,
+        worst: float,
+        most: float = np.inf,
+        episodes: int = 100,
+        until: float = np.inf,
     ) -> Array:
         assert worst == 1.0
+        assert until == np.inf
         if name != best_of.PLANS:
             return np.full(episodes, 0.3 if name == "lqg" else 1.0) ** 2
         # Episodes are ended above what would be best, or is tried further.
@@ -341,6 +350,43 @@ def test_predictive_control_is_best_only_where_it_costs_less_on_all_episodes(
     scene = structure("frame")
     assert best_of.best_controller(scene).name == best
     assert best_of.best_controller(scene, plans=False).name == "lqg"
+
+
+def test_starts_are_scored_only_until_they_are_known_to_cost_more(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    scene = structure("frame")
+    starts = [no_control(shown.Shown(scene)) for _ in range(4)]
+    costs, told = iter([0.4, 0.5, 0.2, 0.21]), list[float]()
+
+    def cost(*_: object, most: float) -> float:
+        told.append(most)
+        return next(costs)
+
+    monkeypatch.setattr(first, "validation_cost", cost)
+    assert best_of_starts(scene, starts, 1.1) is starts[2]
+    assert told == pytest.approx([np.inf, 0.44, 0.44, 0.22])
+
+
+def test_predictive_control_is_left_out_once_its_time_is_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    scene = structure("frame")
+    known = laws(scene)
+    quick = {"no-control": known["no-control"], "lqg": known["lqg"], best_of.PLANS: LQG}
+    monkeypatch.setattr(best_of, "laws", lambda _: quick)
+    best = best_of.best_controller(scene, seconds=0.0)
+    assert best == Best("lqg", validation_cost(scene, LQG(scene)), best_of.PLANS)
+    given: dict[str, float] = {}
+    monkeypatch.setattr(search, "best_controller", lambda _, **told: given.update(told) or best)
+    for name, budget, seconds in (("short", 0.1, 120.0), ("any", None, np.inf)):
+        run = Run(name, tmp_path)
+        evolve(settings_for("frame", law="none", time_budget=budget), run, bar=False)
+        assert given["seconds"] == seconds
+        ending = read_ending(run)
+        assert ending is not None
+        assert ending.left_out == best_of.PLANS
+        assert any("predictive-control was not compared" in note for note in ending.notes)
 
 
 def test_steps_of_a_descent_are_of_the_size_of_each_parameter():
@@ -509,7 +555,7 @@ def test_shocks_are_followed_where_only_a_force_acts():
 
 
 def test_reinforcement_on_an_own_scene_begins_at_its_best_controller(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     scene = structure("frame")
     monkeypatch.setattr(own_scene, "best_controller", lambda _, **__: Best("lqg", 0.1))
@@ -517,6 +563,7 @@ def test_reinforcement_on_an_own_scene_begins_at_its_best_controller(
     settings = TrainSettings.of({"scene": str(FOLDER / "frame.toml"), "name": "frame", **small})
     run = Run("frame", tmp_path)
     train(settings, run, bar=False)
+    assert "looking for the best controller" in capsys.readouterr().err
     record = run.read()["settings"]
     assert record["base"] == "lqg"
     assert record["normalise_observations"]
