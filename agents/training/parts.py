@@ -211,11 +211,11 @@ class TooSlowError(RuntimeError):
 
 
 class _Hurried(Controller):
-    """A controller that is given so much time [s], then raises `TooSlowError`."""
+    """A controller that raises `TooSlowError` beyond a time of the clock [s]."""
 
-    def __init__(self, controller: Controller, seconds: float) -> None:
+    def __init__(self, controller: Controller, until: float) -> None:
         self.controller, self.name, self.reads = controller, controller.name, controller.reads
-        self.until = time.perf_counter() + seconds
+        self.until = until
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
         return self.controller.begin(env)
@@ -310,7 +310,9 @@ def _penalties(
     """
     found, told = np.full(episodes, np.inf), {"episodes": episodes, "most": most, "worst": worst}
     with suppress(*NOT_SCORED, ActionError, DependencyNotInstalled):
-        controller = _Hurried(laws(scene)[name](scene), until - time.perf_counter())
+        controller = laws(scene)[name](scene)
+        if until < math.inf:
+            controller = _Hurried(controller, until)
         if controller.reads == "observation":
             found = evaluate(scene, controller, seed=VALIDATION_SEED, **told).penalties
     return np.where(np.isfinite(found).all(), found, np.inf)
