@@ -6,7 +6,7 @@ exactly. An interval of a level is taken whole if the slip velocity w provably s
 a chord of w over a time h is wrong by at most t (h - t) / 2 times the largest |w''|, which the
 model bounds. Otherwise the interval is halved. The last level is short enough for a Taylor series
 (`series_kernel`), which finds every crossing to round-off, two within one step included; there is
-no tolerance. Where there is one level only, `blocks_kernel` follows many such lanes at a time.
+no tolerance. Where there is one level only, `lanes_kernel` follows many such lanes at a time.
 
 The state alone tells the regime: on w = +-v_r the slip acceleration jumps outwards, so a trajectory
 never rests there.
@@ -20,7 +20,7 @@ from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.lanes import layout
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.law.events import sign_of
-from mm_gym.methods.switched import blocks_kernel as blocks
+from mm_gym.methods.switched import lanes_kernel
 from mm_gym.methods.switched import layout as slots
 from mm_gym.methods.switched.series_kernel import (
     COEFFICIENTS,
@@ -78,8 +78,8 @@ def propagate_whole(model, lanes, first, last):
             for i in range(count):
                 which[left] = start + i
                 left += int(scratch[_LEAVES + i])
-    if left > 0 and model[slots.STICK_SERIES] > 0.0:
-        left = blocks.advance(model, lanes, which[:left])
+    if left > 0 and model[slots.SERIES] > 0.0:
+        left = lanes_kernel.advance(model[int(model[slots.SERIES]) :], lanes, which[:left])
     return _follow(model, lanes, which[:left], None) if left > 0 else layout.OK
 
 

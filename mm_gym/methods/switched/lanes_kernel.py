@@ -19,28 +19,40 @@ from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write, write_states
 from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES, alike, everywhere
-from mm_gym.lanes.simd_masks import all_hold, bits, lowest, none, smaller, where
+from mm_gym.lanes.simd_masks import all_hold, bits, larger, lowest, none, smaller, where
 from mm_gym.lanes.simd_memory import rows_of
 from mm_gym.law.dry_friction import slip_intercept
 from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
 from mm_gym.methods.switched import series_kernel
-from mm_gym.methods.switched.blocks_kernel import SERIES_V1, SERIES_W, WIDTH, exit_of
+
+WIDTH = 32
+"""More than the degree of any series."""
+
+ROUND_OFF = 2.0**-54
+"""Error of an instant, as a fraction of a piece, that changes nothing."""
 
 SPARE = 32
 """Pieces of a sample interval that may be tried for the sake of crossings."""
+
+_ROUGH_DEGREE, _ROUGH_STEPS, _STEPS = 6, 2, 8  # of the search for a crossing
 
 # Slots of the model behind the degree: the longest piece [s] in stick, and in slip behind it; the
 # pieces that may be tried; and 1 / n from n = 1 on.
 LONGEST, MOST_PIECES, RECIPROCALS = (series_kernel.DEGREE + k for k in (1, 3, 4))
 END = RECIPROCALS + WIDTH
 
-# Rows of vectors behind the series of v1 and w: those of the carriage's force and of the ground's
-# acceleration, and what they follow from.
-_FORCE = SERIES_W + WIDTH
-_GROUND = _FORCE + WIDTH
-_SOURCES = _GROUND + WIDTH
+# Rows of vectors: the series of v1 and w, of the carriage's force and of the ground's acceleration,
+# and what the last two follow from.
+_V1, _W, _FORCE, _GROUND, _SOURCES = (WIDTH * k for k in range(5))
 _SIZE = _SOURCES + MOST_ROWS
+
+_READ = (
+    *(layout.X1, layout.X2, layout.V1, layout.V2, layout.FORCE, layout.M1, layout.M2, layout.K1),
+    *(layout.ALPHA, layout.D, layout.K0, layout.STRETCH, layout.C, layout.CHI, layout.VR),
+    layout.KINETIC_FORCE,
+)
+"""Rows of lanes that are read where nothing excites them."""
 
 
 @kernel
@@ -54,6 +66,36 @@ def propagate(model, lanes, first, last):
             left &= left - 1
             status = max(status, series_kernel.propagate(model, lanes, lane, lane + 1))
     return status
+
+
+@kernel
+def advance(model, lanes, which):
+    """Advance the lanes listed by one sample interval, in which nothing excites them.
+
+    Parameters
+    ----------
+    which
+        (n,) int64, read: the lanes. Those that are left as they were are written to its beginning.
+
+    Returns
+    -------
+    int
+        How many these are.
+    """
+    few, b, left = np.empty((lanes.shape[0], LANES)), rows_of(on_cache_line(_SIZE * LANES)), 0
+    for start in range(0, which.size, LANES):
+        count = min(LANES, which.size - start)
+        for row in _READ:
+            for k in range(count):
+                few[row, k] = lanes[row, which[start + k]]
+        stay = _advance(model, few, b, 0, count)
+        for k in range(count):
+            lane = which[start + k]
+            for row in range(4):
+                lanes[row, lane] = few[row, k]
+            which[left] = lane
+            left += (stay >> k) & 1
+    return left
 
 
 @borrowing_kernel
@@ -135,7 +177,7 @@ def _take(model, b, p, vr, z, regime, rest, unit):
     y1, y2, u1, u2, passed = moved[0], moved[1], moved[2], w + change, unit
     next_unit = rest
     if not all_hold(stays):
-        t = exit_of(b, degree, (side, gap, following), (room, span), one)
+        t = _exit(b, degree, (side, gap, following), (room, span), one)
         t = where(stays, -one, t)
         crosses, fraction = t >= 0.0, where(t > 0.0, t, zero)
         e1, e2, s1 = _evaluate(model, b, z, unit, fraction)
@@ -169,7 +211,7 @@ def _expand(model, b, p, z, regime, unit):
     slope, excited = where(regime == 0.0, stick, chi), is_excited(model)
     between, zero = fma(regime, intercept, pair), everywhere(0.0)
     y1, y2, u1, change, bend, ground = x1, offset, v1, zero, zero, zero
-    b[SERIES_V1], b[SERIES_W] = v1, w
+    b[_V1], b[_W] = v1, w
     for n in range(degree):
         step = unit * model[RECIPROCALS + n]
         if excited:
@@ -183,7 +225,7 @@ def _expand(model, b, p, z, regime, unit):
         between, push = zero, zero
         y1, y2, u1, change = y1 + x1, y2 + offset, u1 + v1, change + w
         bend = fma(n * (n + 1.0), abs(w), bend)
-        b[SERIES_V1 + n + 1], b[SERIES_W + n + 1] = v1, w
+        b[_V1 + n + 1], b[_W + n + 1] = v1, w
     return (y1, y2, u1), change, bend
 
 
@@ -193,9 +235,59 @@ def _evaluate(model, b, z, unit, t):
     x1 = offset = v1 = everywhere(0.0)
     degree = int(model[series_kernel.DEGREE])
     for n in range(degree, 0, -1):
-        v, over = b[SERIES_V1 + n], model[RECIPROCALS + n]
-        x1, offset = fma(x1, t, over * v), fma(offset, t, over * b[SERIES_W + n])
+        v, over = b[_V1 + n], model[RECIPROCALS + n]
+        x1, offset = fma(x1, t, over * v), fma(offset, t, over * b[_W + n])
         v1 = fma(v1, t, v)
     time = unit * t
     x1, offset = fma(x1, t, z[2]), fma(offset, t, z[3])
     return fma(time, x1, z[0]), fma(time, offset, z[1]), fma(v1, t, z[2])
+
+
+@inlined_kernel
+def _change_and_rate(b, t, degree):
+    """Return the change of w from now to t, and its derivative there, by the terms up to degree."""
+    value = rate = alike(t, 0.0)
+    for n in range(degree, 0, -1):
+        rate = fma(rate, t, value)
+        value = fma(value, t, b[_W + n])
+    return value * t, fma(rate, t, value)
+
+
+@inlined_kernel
+def _exit(b, degree, gaps, bounds, length):
+    """Return the first exit from the regime within a length, or -1 where none is proved.
+
+    Parameters
+    ----------
+    b, degree
+        (_SIZE, LANES) read: the series; their degree.
+    gaps
+        Side of the boundary, and the gaps to it [m/s] now and after the length.
+    bounds
+        That of h**2 |w''| / 2, and the distance of the regime's boundaries [m/s].
+    length
+        As a fraction of the sample interval.
+    """
+    (side, gap, following), (bend, span) = gaps, bounds
+    t, nothing = length * (gap / (gap - following)), alike(length, 0.0)
+    for _ in range(_ROUGH_STEPS):
+        change, rate = _change_and_rate(b, t, min(degree, _ROUGH_DEGREE))
+        t = smaller(larger(nothing, t - fma(side, change, gap) / (side * rate)), length)
+    moves, slope = where(following < 0.0, alike(length, 1.0), 0.0), nothing
+    for _ in range(_STEPS):
+        change, rate = _change_and_rate(b, t, degree)
+        rate = side * rate
+        reached = t - fma(side, change, gap) / rate
+        inside = (reached >= 0.0) & (reached <= length)
+        step = reached - t
+        is_root = inside & (bend * (step * step) <= ROUND_OFF * abs(rate))  # of what is left
+        slope = where(moves > 0.0, rate, slope)
+        t = where(moves > 0.0, smaller(larger(nothing, reached), length), t)
+        moves = where(is_root, nothing, moves)
+        if none(moves > 0.0):
+            break
+    # It is the first one if the gap falls all the way, or is too large to vanish before.
+    bent = bend * t
+    first = larger(larger(gap - bent * t, -slope - 2.0 * bent), -side * b[_W + 1] - 2.0 * bent)
+    proved = (first >= 0.0) & (slope < 0.0) & (2.0 * span - gap >= bent * t)
+    return where(proved & (following < 0.0) & (moves == 0.0), t, -1.0)

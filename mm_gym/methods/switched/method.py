@@ -13,7 +13,6 @@ from mm_gym.excitation import sources
 from mm_gym.lanes import layout
 from mm_gym.law import dry_friction
 from mm_gym.methods.base import (
-    ROUND_OFF,
     ExactMethod,
     Method,
     Option,
@@ -119,11 +118,10 @@ class Switched(ExactMethod):
         with refuse_overflow(support):
             regimes = [_regime(support, *line, levels).ravel() for line in lines]
             is_plain = _is_plain(support, phase)
-            terms = max(_terms(support, *line, degree(phase)) for line in lines) if is_plain else 0
-            series = [_series(support, *line, terms) for line in lines] if is_plain else []
+            series = [_series_model(support, _exact)] if is_plain else []
         model = header(support, switched.REGIMES - layout.MODEL_OWN)
         model[switched.VR], model[switched.LAST_LEVEL] = float(vr), levels
-        model[switched.WHOLE], model[switched.TERMS] = support.sample_interval, terms
+        model[switched.WHOLE] = support.sample_interval
         model[switched.DEGREE] = degree(phase / 2.0**levels)
         harmonics = switched.HARMONIC_SIZE * len(support.ground)
         model[switched.LEVEL_SIZE] = switched.HARMONICS + harmonics
@@ -131,13 +129,13 @@ class Switched(ExactMethod):
         ends = np.cumsum([part.size for part in parts])
         model[switched.STICK : switched.STICK + 2] = ends[:2]
         if is_plain:
-            model[switched.STICK_SERIES : switched.STICK_SERIES + 2] = ends[2:4]
+            model[switched.SERIES] = ends[2]
         return np.concatenate(parts)
 
     def cost(self, model: Array) -> str:
         """Return the work of an interval, and of a change of regime."""
         inputs = STATE_INPUTS + 2 * int(model[layout.HARMONIC_COUNT])
-        terms = int(model[switched.TERMS] or model[switched.DEGREE])
+        terms = int(model[switched.DEGREE])
         return f"7 products with {inputs} inputs; a series of degree {terms} per change of regime"
 
 
@@ -171,7 +169,7 @@ class SwitchedSeries(_OfLanes, ExactMethod):
 
     def model(self, support: Support, settings: Settings) -> Array:  # noqa: ARG002
         """Return the degree of the series and the longest piece."""
-        return _series_model(support, lambda phase, _: degree(phase))
+        return _series_model(support, _exact)
 
 
 class TruncatedSwitched(_OfLanes):
@@ -202,6 +200,10 @@ class TruncatedSwitched(_OfLanes):
     def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
         """Return the order."""
         return "the number of derivatives"
+
+
+def _exact(phase: float, _pieces: float) -> int:
+    return degree(phase)
 
 
 def _series_model(support: Support, degree_of_piece: Callable[[float, float], int]) -> Array:
@@ -238,39 +240,6 @@ def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> 
     second = (generator[3] @ generator).astype(np.float64)
     gains = _gains(support, second, [transition.astype(np.float64) for transition in transitions])
     return np.array([_level(second, *level) for level in zip(transitions, gains, strict=False)])
-
-
-def _terms(support: Support, damping: Decimal, force: Decimal, most: int) -> int:
-    """Return how many terms of the series of one regime count, by the norms of the powers of A.
-
-    Positions are counted in units of velocity over the fastest frequency, or the interval.
-    """
-    interval = support.sample_interval
-    frequency = max(fastest_oscillation(support), 1.0 / interval)
-    units = np.array([1.0 / frequency, 1.0 / frequency, 1.0, 1.0])
-    a = _generator(support, damping, force)[:4, :4].astype(np.float64)
-    step = interval * a * units / units[:, None]
-    term = 0.5 * step @ step
-    for n in range(2, most):
-        term = term @ step / (n + 1)
-        if np.linalg.norm(term, 2) <= 0.5 * ROUND_OFF:  # with all that follow at most twice that
-            return n
-    return most
-
-
-def _series(support: Support, damping: Decimal, force: Decimal, terms: int) -> Array:
-    """Return what the series of one regime need, see `mm_gym.methods.switched.layout`."""
-    p, interval = values_of(support.low), support.sample_interval
-    m1, m2, k1, d, k2, c, f = (
-        float(x) for x in (*(p[name] for name in ("m1", "m2", "k1", "d", "k2")), damping, force)
-    )
-    n = np.arange(terms + 1)
-    step, before = interval / (n + 1.0), interval / np.maximum(n, 1)
-    columns = before * k1 / m1, np.full(n.size, d / m1), before * k2 / m1, np.full(n.size, c / m1)
-    rest = np.column_stack([*(step * column for column in columns), step])
-    pair = float(support.is_between)
-    first = interval / m1 * np.array([k1, d, 1.0 - pair, k2, c, f, pair])
-    return np.concatenate([first, [1.0 + m1 / m2], rest.ravel()])
 
 
 def _level(second: Array, transition: NDArray[np.object_], gains: Array) -> Array:
