@@ -38,9 +38,11 @@ def choose(solver: Solver, support: Support) -> tuple[Method, tuple[str, ...]]:
     reasons = _reasons(support, skipped | {m: why for m, why in obstacles.items() if why}, chosen)
     if asked in ("auto", chosen.name):
         return chosen, reasons
-    for method in applicable:
-        if method.name == asked:
-            return method, (f"solver.method asks for it in place of {chosen.name!r}",)
+    named = [method for method in applicable if method.name == asked]
+    if named:  # the one that `auto` would take, whatever the tolerance
+        later = (method for method in named if method.deferral(support, settings) is None)
+        method = next(later, named[0])
+        return method, (f"solver.method asks for it in place of {chosen.name!r}",)
     allowed = ", ".join(map(repr, dict.fromkeys(("auto", *(m.name for m in applicable)))))
     why = f"({'; '.join(reasons)})"
     msg = f"solver.method: {asked!r} does not apply to this scene {why}; allowed: {allowed}"

@@ -7,7 +7,11 @@ import pytest
 from oracle import error
 
 from mm_gym import Scene, compile_scene, load_scene, simulate
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout
+from mm_gym.lanes.memory import on_cache_line
+from mm_gym.lanes.simd import LANES
+from mm_gym.lanes.simd_memory import rows_of
 from mm_gym.law.events import NONE, first_exit
 from mm_gym.methods.switched import lanes_kernel
 from mm_gym.methods.switched import layout as slots
@@ -64,6 +68,7 @@ SWEEP = {
     "end_frequency": 60.0,
     "duration": 1.0,
 }
+FAST = HARMONICS[0].model_dump() | {"frequency": 1000.0}
 IMPULSE = {"kind": "impulse", "target": "ground", "size": 0.3, "time": 0.0337}
 EXCITATIONS = [harmonic.model_dump() for harmonic in HARMONICS], [NOISE], [SWEEP], [IMPULSE]
 
@@ -295,3 +300,48 @@ def test_actuated_stretch_with_friction_meets_the_oracle() -> None:
 def test_linear_system_of_friction_is_that_of_stick() -> None:
     a, _ = compile_scene(BASE).linear()
     assert a[3, 2] * 0.04 == pytest.approx(0.509 * 0.3924 / 0.2, rel=1e-14)
+
+
+@pytest.mark.filterwarnings("ignore:solver.tolerance has no effect")
+@pytest.mark.parametrize("tolerance", [1e-9, 1e-3])
+@pytest.mark.parametrize(
+    ("changes", "title"),
+    [
+        ({}, "transition matrices"),
+        ({"interface.reference_velocity": 2e-3}, "a series"),
+        ({"interface.reference_velocity": 1e-5}, "transition matrices"),
+        ({"excitation": [harmonic.model_dump() for harmonic in HARMONICS]}, "a series"),
+        ({"randomization": {"carriage.mass": (0.09, 0.11)}, "excitation": [FAST]}, "a series"),
+    ],
+    ids=["plain", "stiff", "stiffer", "harmonics", "fast harmonic, drawn"],
+)
+def test_the_name_means_the_same_at_every_tolerance(changes, title, tolerance) -> None:
+    scene = SCENES["force"].replace(**{"solver.method": "switched", "control.time_step": 5e-3})
+    plant = compile_scene(scene.replace(**{"solver.tolerance": tolerance}, **changes))
+    assert plant.method.title.startswith(title)
+
+
+@borrowing_kernel
+def _left(model, lanes, numbers):
+    return lanes_kernel._advance(model, lanes, rows_of(numbers), 0, LANES)
+
+
+@pytest.mark.parametrize("time_step", [0.3, 1.0])
+def test_long_steps_leave_no_lane_alone(time_step) -> None:
+    scene = DRAWN.replace(**{"control.time_step": time_step, "solver.method": "switched"})
+    lanes, rng = Lanes(compile_scene(scene), LANES), np.random.default_rng(0)
+    lanes.seed(0)
+    lanes.restart()
+    numbers = on_cache_line(lanes_kernel._SIZE * LANES)
+    for _ in range(30):
+        lanes.values[layout.FORCE] = rng.uniform(-20.0, 20.0, LANES)
+        assert _left(lanes.plant.model, lanes.values, numbers) == 0
+
+
+def test_a_lane_that_is_not_finite_has_diverged_alone() -> None:
+    lanes = Lanes(compile_scene(DRAWN), 3)
+    lanes.seed(0)
+    lanes.restart()
+    lanes.values[layout.V2, 1] = np.nan
+    assert lanes.advance(np.zeros(3)) == layout.DIVERGED
+    assert np.isfinite(lanes.values[:4, [0, 2]]).all()

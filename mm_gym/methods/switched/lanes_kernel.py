@@ -32,13 +32,14 @@ WIDTH = 32
 ROUND_OFF = 2.0**-54
 """Error of an instant, as a fraction of a piece, that changes nothing."""
 
-SPARE = 32
-"""Pieces of a sample interval that may be tried for the sake of crossings."""
+SPARE, SPARE_EACH = 32, 8
+"""Pieces that may be tried for the sake of crossings: in a sample interval, and more for each of
+its pieces."""
 
 _ROUGH_DEGREE, _ROUGH_STEPS, _STEPS = 6, 2, 8  # of the search for a crossing
 
 # Slots of the model behind the degree: the longest piece [s] in stick, and in slip behind it; the
-# pieces that may be tried; and 1 / n from n = 1 on.
+# pieces that may be tried, 0 if lanes are followed alone; and 1 / n from n = 1 on.
 LONGEST, MOST_PIECES, RECIPROCALS = (series_kernel.DEGREE + k for k in (1, 3, 4))
 END = RECIPROCALS + WIDTH
 
@@ -58,6 +59,8 @@ _READ = (
 @kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
+    if model[MOST_PIECES] == 0.0:
+        return series_kernel.propagate(model, lanes, first, last)
     status, b = layout.OK, rows_of(on_cache_line(_SIZE * LANES))
     for i in range(first, last, LANES):
         left = _advance(model, lanes, b, i, min(LANES, last - i))
@@ -177,7 +180,7 @@ def _take(model, b, p, vr, z, regime, rest, unit):
     y1, y2, u1, u2, passed = moved[0], moved[1], moved[2], w + change, unit
     next_unit = rest
     if not all_hold(stays):
-        t = _exit(b, degree, (side, gap, following), (room, span), one)
+        t = _exit(b, degree, (side, gap, following), (room, span))
         t = where(stays, -one, t)
         crosses, fraction = t >= 0.0, where(t > 0.0, t, zero)
         e1, e2, s1 = _evaluate(model, b, z, unit, fraction)
@@ -254,35 +257,33 @@ def _change_and_rate(b, t, degree):
 
 
 @inlined_kernel
-def _exit(b, degree, gaps, bounds, length):
-    """Return the first exit from the regime within a length, or -1 where none is proved.
+def _exit(b, degree, gaps, bounds):
+    """Return the first exit from the regime, as a part of the piece, or -1 where none is proved.
 
     Parameters
     ----------
     b, degree
         (_SIZE, LANES) read: the series; their degree.
     gaps
-        Side of the boundary, and the gaps to it [m/s] now and after the length.
+        Side of the boundary, and the gaps to it [m/s] now and after the piece.
     bounds
         That of h**2 |w''| / 2, and the distance of the regime's boundaries [m/s].
-    length
-        As a fraction of the sample interval.
     """
     (side, gap, following), (bend, span) = gaps, bounds
-    t, nothing = length * (gap / (gap - following)), alike(length, 0.0)
+    t, nothing, whole = gap / (gap - following), everywhere(0.0), everywhere(1.0)
     for _ in range(_ROUGH_STEPS):
         change, rate = _change_and_rate(b, t, min(degree, _ROUGH_DEGREE))
-        t = smaller(larger(nothing, t - fma(side, change, gap) / (side * rate)), length)
-    moves, slope = where(following < 0.0, alike(length, 1.0), 0.0), nothing
+        t = smaller(larger(nothing, t - fma(side, change, gap) / (side * rate)), whole)
+    moves, slope = where(following < 0.0, whole, 0.0), nothing
     for _ in range(_STEPS):
         change, rate = _change_and_rate(b, t, degree)
         rate = side * rate
         reached = t - fma(side, change, gap) / rate
-        inside = (reached >= 0.0) & (reached <= length)
+        inside = (reached >= 0.0) & (reached <= whole)
         step = reached - t
         is_root = inside & (bend * (step * step) <= ROUND_OFF * abs(rate))  # of what is left
         slope = where(moves > 0.0, rate, slope)
-        t = where(moves > 0.0, smaller(larger(nothing, reached), length), t)
+        t = where(moves > 0.0, smaller(larger(nothing, reached), whole), t)
         moves = where(is_root, nothing, moves)
         if none(moves > 0.0):
             break

@@ -92,7 +92,7 @@ class Switched(ExactMethod):
     def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002
         """Return why `auto` prefers a series where the matrices' lanes go one by one."""
         phase = fastest_rate(support) * support.sample_interval
-        if _is_plain(support, phase) or phase > STIFF or SwitchedSeries().limit(support):
+        if _is_plain(support, phase) or phase > STIFF or _obstacle(support):
             return None
         return "lanes that change their regime would be followed one after the other"
 
@@ -145,13 +145,9 @@ class _OfLanes(Method):
     kinds = (PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR)
     entries = build(lanes_kernel.propagate, stops_at_corners=True)
 
-    def limit(self, support: Support) -> str | None:
-        """Return why not, where the excitation is fast or manifold."""
-        return sources.obstacle(support.frequencies, support.terms, support.sample_interval)
-
     def cost(self, model: Array) -> str:
         """Return the work of a sample interval, and of a change of regime."""
-        pieces = int(model[lanes_kernel.MOST_PIECES]) - lanes_kernel.SPARE
+        pieces = round(model[layout.SAMPLE_INTERVAL] / model[lanes_kernel.LONGEST])
         degree = int(model[series_kernel.DEGREE])
         return f"{pieces} series of degree {degree}, and one more per change of regime"
 
@@ -184,6 +180,10 @@ class TruncatedSwitched(_OfLanes):
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
     tightest = TIGHTEST
 
+    def limit(self, support: Support) -> str | None:
+        """Return why not, where the excitation is fast or manifold: lanes would go one by one."""
+        return _obstacle(support)
+
     def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002
         """Return why `auto` takes an exact method at tight tolerances."""
         if settings.tolerance > TIGHT:
@@ -200,6 +200,11 @@ class TruncatedSwitched(_OfLanes):
     def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
         """Return the order."""
         return "the number of derivatives"
+
+
+def _obstacle(support: Support) -> str | None:
+    """Return why vectors have no room for the excitation, or None."""
+    return sources.obstacle(support.frequencies, support.terms, support.sample_interval)
 
 
 def _exact(phase: float, _pieces: float) -> int:
@@ -219,7 +224,9 @@ def _series_model(support: Support, degree_of_piece: Callable[[float, float], in
     model[series_kernel.DEGREE] = min(terms, lanes_kernel.WIDTH - 1)  # 31, where 25 are exact
     longest = support.sample_interval / pieces
     model[lanes_kernel.LONGEST : lanes_kernel.LONGEST + 2] = longest
-    model[lanes_kernel.MOST_PIECES] = pieces.max() + lanes_kernel.SPARE
+    if not _obstacle(support):
+        most = lanes_kernel.SPARE + (1 + lanes_kernel.SPARE_EACH) * pieces.max()
+        model[lanes_kernel.MOST_PIECES] = most
     model[lanes_kernel.RECIPROCALS : lanes_kernel.END] = 1.0 / np.arange(1, lanes_kernel.WIDTH + 1)
     return model
 

@@ -136,7 +136,7 @@ DEGREE = layout.MODEL_OWN
 
 @kernel
 def propagate(model, lanes, first, last):
-    """Advance the lanes by one sample interval on the series alone: their parameters may differ."""
+    """Advance by one sample interval the lanes that `lanes_kernel` leaves, one after the other."""
     status, degree = layout.OK, int(model[DEGREE])
     z, p, c = np.empty(5), np.empty(COEFFICIENTS), np.zeros(SERIES)
     for i in range(first, last):
