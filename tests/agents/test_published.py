@@ -27,17 +27,17 @@ RECORDED = read_published()
 
 
 def few(rows):
-    """A row of every task, of the algorithm that the fewest of the others are of.
+    """A row of every task, of the algorithm that the fewest of the others are of, and the rest.
 
-    Of several such, of the one with the fewest rows, which other tasks may not have.
+    These are one row of each algorithm that no task has by then.
     """
     counts, found = Counter(), []
-    every = Counter(row.algorithm for row in rows)
     for task in sorted({row.task for row in rows}):
         own = [row for row in rows if row.task == task]
-        found.append(min(own, key=lambda row: (counts[row.algorithm], every[row.algorithm])))
+        found.append(min(own, key=lambda row: counts[row.algorithm]))
         counts[found[-1].algorithm] += 1
-    return found
+    others = {row.algorithm: row for row in rows if row.algorithm not in counts}
+    return [*found, *others.values()]
 
 
 PUBLISHED = [row for row in RECORDED.rows if row.file is not None]
