@@ -91,8 +91,7 @@ class TruncatedSeries(Method):
 
         Each piece has an equal part of the tolerance.
         """
-        tolerance, order = settings.tolerance, 2 if support.ground else 1
-        return _model(support, lambda phase, parts: degree_of(phase, tolerance / parts, order))
+        return _model(support, degrees_within(support, settings))
 
     def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
         """Return the order."""
@@ -137,6 +136,12 @@ def rate_of(support: Support, slope: float | None = None) -> float:
     half = 0.5 * fastest_decay(support, slope)
     rate = half + math.hypot(half, fastest_oscillation(support))
     return max(rate, float(support.frequencies.max(initial=0.0)))
+
+
+def degrees_within(support: Support, settings: Settings) -> Callable[[float, float], int]:
+    """Return what tells the degree of a piece, by its phase and the pieces of a control step."""
+    order = 2 if support.ground else 1
+    return lambda phase, parts: degree_of(phase, settings.tolerance / parts, order)
 
 
 def degree_of(phase: float, tolerance: float, order: int = 1) -> int:

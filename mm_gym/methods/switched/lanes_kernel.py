@@ -128,10 +128,10 @@ def _advance(model, lanes, b, i, count):
         write_states(lanes, i, x1, x1 + offset, v1, v1 + w)
         return 0
     left = bits(rest > 0.0) & ((1 << count) - 1)
-    for row, value in ((layout.X1, x1), (layout.X2, x1 + offset)):
-        write(lanes, row, i, count, where(rest > 0.0, read(lanes, row, i, count), value))
-    for row, value in ((layout.V1, v1), (layout.V2, v1 + w)):
-        write(lanes, row, i, count, where(rest > 0.0, read(lanes, row, i, count), value))
+    state = x1, x1 + offset, v1, v1 + w
+    for row in range(4):
+        value = where(rest > 0.0, read(lanes, row, i, count), state[row])
+        write(lanes, row, i, count, value)
     return left
 
 
@@ -166,8 +166,8 @@ def _take(model, b, p, vr, z, regime, rest, unit):
         The state x1, x2 - x1, v1, w [m, m/s]; the regime; what is left of the sample interval, and
         the next piece [s]. A lane of which nothing is left does not move.
     """
-    (x1, offset, v1, w), degree = z, int(model[series_kernel.DEGREE])
-    moved, change, bend = _expand(model, b, p, z, regime, unit)
+    w, degree = z[3], int(model[series_kernel.DEGREE])
+    (y1, y2, u1), change, bend = _expand(model, b, p, z, regime, unit)
     zero, one = everywhere(0.0), everywhere(1.0)
     sticks = regime == 0.0
     side = where(sticks, where(w + change > 0.0, -one, one), regime)
@@ -177,27 +177,20 @@ def _take(model, b, p, vr, z, regime, rest, unit):
     following = fma(side, change, gap)
     both = gap + following
     stays = (following >= 0.0) & (both >= room) & (2.0 * span - both >= room)
-    y1, y2, u1, u2, passed = moved[0], moved[1], moved[2], w + change, unit
-    next_unit = rest
+    u2, passed, next_unit = w + change, unit, rest
     if not all_hold(stays):
         t = _exit(b, degree, (side, gap, following), (room, span))
         t = where(stays, -one, t)
         crosses, fraction = t >= 0.0, where(t > 0.0, t, zero)
-        e1, e2, s1 = _evaluate(model, b, z, unit, fraction)
-        y1 = where(stays, y1, where(crosses, e1, x1))
-        y2 = where(stays, y2, where(crosses, e2, offset))
-        u1 = where(stays, u1, where(crosses, s1, v1))
+        e1, e2, s1 = _evaluate(model, b, z, unit, fraction)  # where nothing is proved, z itself
+        y1, y2, u1 = where(stays, y1, e1), where(stays, y2, e2), where(stays, u1, s1)
         u2 = where(stays, u2, where(crosses, -edge * side, w))
         regime = where(crosses, where(sticks, -side, zero), regime)
         passed = where(stays, unit, fraction * unit)
         next_unit = where(stays, rest, where(crosses, rest, 0.5 * unit))
     rest = rest - passed
-    return (
-        (y1, y2, u1, u2),
-        regime,
-        rest,
-        smaller(smaller(next_unit, _longest(model, regime)), rest),
-    )
+    unit = smaller(smaller(next_unit, _longest(model, regime)), rest)
+    return (y1, y2, u1, u2), regime, rest, unit
 
 
 @inlined_kernel

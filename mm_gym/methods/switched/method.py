@@ -15,14 +15,13 @@ from mm_gym.law import dry_friction
 from mm_gym.methods.base import (
     ExactMethod,
     Method,
-    Option,
     Settings,
     degree,
     header,
     refuse_long_interval,
     refuse_overflow,
 )
-from mm_gym.methods.linear_series.method import TIGHT, TIGHTEST, degree_of, rate_of
+from mm_gym.methods.linear_series.method import TruncatedSeries, degrees_within, rate_of
 from mm_gym.methods.support import (
     PARAMETRIC_SWITCHED_LINEAR,
     SWITCHED_LINEAR,
@@ -168,38 +167,22 @@ class SwitchedSeries(_OfLanes, ExactMethod):
         return _series_model(support, _exact)
 
 
-class TruncatedSwitched(_OfLanes):
+class TruncatedSwitched(_OfLanes, TruncatedSeries):
     """The same, cut off where the tolerance allows."""
 
-    name = "series"
     title = "the truncated series for stick and slip"
     how = (
         "a Taylor series of the lowest degree at which what is cut off is below the tolerance, for "
         "each regime; crossings of the reference velocity found on it, all lanes side by side"
     )
-    option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
-    tightest = TIGHTEST
 
     def limit(self, support: Support) -> str | None:
         """Return why not, where the excitation is fast or manifold: lanes would go one by one."""
         return _obstacle(support)
 
-    def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002
-        """Return why `auto` takes an exact method at tight tolerances."""
-        if settings.tolerance > TIGHT:
-            return None
-        return f"solver.tolerance is {TIGHT:g} or less, where an exact method costs little more"
-
     def model(self, support: Support, settings: Settings) -> Array:
         """Return the degree of the series and the longest piece."""
-        tolerance, order = settings.tolerance, 2 if support.ground else 1
-        return _series_model(
-            support, lambda phase, parts: degree_of(phase, tolerance / parts, order)
-        )
-
-    def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
-        """Return the order."""
-        return "the number of derivatives"
+        return _series_model(support, degrees_within(support, settings))
 
 
 def _obstacle(support: Support) -> str | None:
